@@ -257,7 +257,7 @@ def _code() -> int:
 
 
 def _without_ros(error: Exception) -> str:
-    """Return what to do if a module of ROS 2 is missing, as when only the wheels are installed."""
+    """Return advice if a module of ROS 2 is missing, as when only the wheels are installed."""
     missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     if not missing.startswith(_ROS[0]) and not missing.endswith(_ROS[1]):
         return ""
@@ -268,7 +268,7 @@ def _without_ros(error: Exception) -> str:
 
 
 def _fault_of_a_law(error: Exception) -> str:
-    """Return what is wrong if another package's law raised the error; empty if none did or none is loaded."""
+    """Return the fault of another package's law that raised the error; empty if none did or is loaded."""
     if f"{__package__}.plans.nodes" not in sys.modules:
         return ""
     from .plans.law_faults import fault_of_a_law

@@ -69,14 +69,14 @@ def _end_soon() -> None:
 
     Python's handlers wait for the call in progress, such as the drawing of a long curve.
     """
-    told, tell = os.pipe()
-    os.set_blocking(tell, False)
-    signal.set_wakeup_fd(tell)
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    signal.set_wakeup_fd(writing)
 
     def watch() -> None:
-        number = os.read(told, 1)[0]
+        number = os.read(reading, 1)[0]
         while number not in early_signals.ENDING:
-            number = os.read(told, 1)[0]
+            number = os.read(reading, 1)[0]
         time.sleep(_PATIENCE)
         _end(number)
 

@@ -79,6 +79,6 @@ def command(
     if as_json:
         write_json("export-1", {**run_values(recorded), "outputs": written})
         return
-    for one in written:
-        what = "messages" if one["rows"] is None else "rows"
-        click.echo(f"{one['file']}: {one[what]} {what}")
+    for entry in written:
+        kind = "messages" if entry["rows"] is None else "rows"
+        click.echo(f"{entry['file']}: {entry[kind]} {kind}")

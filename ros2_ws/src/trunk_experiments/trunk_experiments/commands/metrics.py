@@ -23,14 +23,14 @@ def show_metrics(run: RecordedRun, title: str) -> None:
     """Print a run's metrics as a table; warnings, and what makes them doubtful, first."""
     doubts = doubts_of(run)
     try:
-        table, found = table_and_metrics(run)
+        table, measured = table_and_metrics(run)
     except RecordingError:
         show_warnings(doubts.lines)  # a likely cause
         raise
     for line in doubts.lines:
         click.echo(line)
     show_warnings(run.recording.further_warnings)
-    values = found.as_dict()
+    values = measured.as_dict()
     level = has_level(table)
     print_table(
         f"{title}, INCOMPLETE" if doubts.incomplete else title,
@@ -43,7 +43,7 @@ def show_metrics(run: RecordedRun, title: str) -> None:
 
 
 def metrics_values(run: RecordedRun) -> Values:
-    """Return what a document says of a run and its metrics, with the twin in lock-step."""
+    """Return a document's values of a run and its metrics, with the twin in lock-step."""
     return {**run_values(run, doubts_of(run)), "metrics": recorded_metrics(run).as_dict()}
 
 

@@ -99,7 +99,7 @@ def command(
     duration = plan.simulator.duration
     for line in connection_lines(plan) if plan.external is not None else ():
         screen.print(line, highlight=False, markup=False, soft_wrap=True)
-    told = {**plan_values(plan), "lockstep": lockstep, "parameters": files.parameters}
+    values = {**plan_values(plan), "lockstep": lockstep, "parameters": files.parameters}
     try:
         with progress_bar("running") as done:
             recording = run_graph(
@@ -113,31 +113,31 @@ def command(
         if not as_json:
             raise
         failed = {**written_values(files.recording), "commands": None, "metrics": None}
-        write_json("run-1", {**failed, **told, "failure": line_of(error)})
+        write_json("run-1", {**failed, **values, "failure": line_of(error)})
         click.get_current_context().exit(report_error(error))
     run = RecordedRun(recording)
     if as_json:
-        write_run(run, told)
+        write_run(run, values)
     else:
         show_run(files, run)
     if not recording.complete:
         click.get_current_context().exit(1)
 
 
-def write_run(run: RecordedRun, told: Values) -> None:
+def write_run(run: RecordedRun, values: Values) -> None:
     """Write a run's document. One without metrics is a failed run: ends with the error's exit code."""
     show_warnings(run.recording.further_warnings)
-    found: Values = {**run_values(run, doubts_of(run)), "metrics": None}
+    document: Values = {**run_values(run, doubts_of(run)), "metrics": None}
     error: RecordingError | None = None
     try:
-        found["metrics"] = recorded_metrics(run).as_dict()
+        document["metrics"] = recorded_metrics(run).as_dict()
     except RecordingError as without:
         error = without
     counts = {
         "states": run.count(topics.GROUND_TRUTH),
         "commands": run.count(topics.EFFORT_COMMAND),
     }
-    write_json("run-1", {**found, **counts, **told, "failure": error and line_of(error)})
+    write_json("run-1", {**document, **counts, **values, "failure": error and line_of(error)})
     if error:
         click.get_current_context().exit(report_error(error))
 

@@ -87,22 +87,22 @@ def command(
     _check_verdict(run, verdict, unverified)
     signature = _write(target, recording, signer, force)
     if as_json:
-        told = {"signature": target, "fingerprint": signature.fingerprint}
+        values = {"signature": target, "fingerprint": signature.fingerprint}
         judged = run_values(RecordedRun(recording), judged=verdict.word)
-        write_json("sign-1", {**judged, **told, "reasons": verdict.reasons})
+        write_json("sign-1", {**judged, **values, "reasons": verdict.reasons})
     else:
         click.echo(f"{target}: signed by {signature.fingerprint}")
 
 
 def _make_key(path: Path, as_json: bool) -> None:
     public = write_new_key(path)
-    told = fingerprint(public_key(read_key(public), str(public)))
+    key_print = fingerprint(public_key(read_key(public), str(public)))
     if as_json:
-        made = {"private_key": path, "public_key": public, "fingerprint": told}
+        made = {"private_key": path, "public_key": public, "fingerprint": key_print}
         write_json("sign-key-1", made)
         return
     click.echo(f"{path}: private key, not encrypted; keep it secret (ssh-keygen -p -f encrypts it)")
-    click.echo(f"{public}: public key {told}, for those who verify")
+    click.echo(f"{public}: public key {key_print}, for those who verify")
 
 
 def _passphrase(key: Path) -> bytes:
@@ -111,8 +111,8 @@ def _passphrase(key: Path) -> bytes:
             f"{key} is encrypted, and there is no terminal to ask for its passphrase: "
             "sign in a terminal, or give a key that is not encrypted"
         )
-    told: str = click.prompt(f"passphrase of {key}", hide_input=True, err=True)
-    return told.encode()
+    passphrase: str = click.prompt(f"passphrase of {key}", hide_input=True, err=True)
+    return passphrase.encode()
 
 
 def _check_target(target: Path, force: bool, run: Path, key: Path) -> None:

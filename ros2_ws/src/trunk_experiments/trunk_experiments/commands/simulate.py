@@ -71,8 +71,8 @@ def command(
         raise RecordingError(f"{like}: it cannot be run again: {error}") from None
     if as_json:
         failure = None if diverged is None else line_of(diverged)
-        told = {**written_values(output), **plan_values(plan), "failure": failure}
-        write_json("simulate-1", told)
+        document = {**written_values(output), **plan_values(plan), "failure": failure}
+        write_json("simulate-1", document)
     elif diverged is None:
         show_written_doubts(output)
         click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")

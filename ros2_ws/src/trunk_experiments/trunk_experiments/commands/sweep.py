@@ -56,10 +56,10 @@ def command(
     if check:
         sweep.check()
         outcomes = None
-        told = f"{study}: {sweep.study.total} runs in {sweep.blocks} blocks"
+        line = f"{study}: {sweep.study.total} runs in {sweep.blocks} blocks"
     else:
         outcomes = run_sweep(sweep, jobs, scheduler)
-        told = ended(sweep, outcomes)
+        line = ended(sweep, outcomes)
     if as_json:
         values = {
             "study": study,
@@ -70,13 +70,13 @@ def command(
         }
         write_json("sweep-1", values)
     else:
-        click.echo(told)
+        click.echo(line)
 
 
 def ended(sweep: SweepJob, outcomes: Mapping[str, int]) -> str:
     """Return a line on how a sweep's runs ended."""
-    told = ", ".join(f"{count} {name}" for name, count in outcomes.items())
-    return f"{sweep.output}: {sweep.study.total} runs: {told}"
+    counts = ", ".join(f"{count} {name}" for name, count in outcomes.items())
+    return f"{sweep.output}: {sweep.study.total} runs: {counts}"
 
 
 def run_sweep(

@@ -157,7 +157,7 @@ def _check_no_controller(swaps: Sequence[str]) -> None:
 
 
 def plan_values(plan: RunPlan) -> dict[str, object]:
-    """Return what a document says about a plan; the duration is 0 for a run without an end."""
+    """Return a document's values of a plan; the duration is 0 for a run without an end."""
     return {
         "scenario": plan.scenario,
         "controllers": list(plan.controllers),
@@ -167,5 +167,5 @@ def plan_values(plan: RunPlan) -> dict[str, object]:
 
 
 def files_read(options: dict[str, Any]) -> list[str]:
-    """Return what the options of `plan_options` name: a scenario and parameter files, by path or name."""
+    """Return the files that the options of `plan_options` name: scenario, parameters, by path or name."""
     return [name for name in (options.get("scenario"), *options.get("params", ())) if name]

@@ -38,7 +38,7 @@ def open_run(path: Path) -> RecordedRun:
 
 
 def run_values(run: RecordedRun, doubts: Doubts | None = None, judged: str | None = None) -> Values:
-    """Return what a document says about a run: its file and its doubts.
+    """Return a document's values of a run: its file and its doubts.
 
     Without ``doubts`` they are looked for here, without simulating a lock-step twin; null if unknown.
     """

@@ -128,8 +128,8 @@ def set_values(
 def _say(node: str, changes: Sequence[LiveChange], dry_run: bool, as_json: bool) -> None:
     parent = click.get_current_context().parent
     if as_json or (parent is not None and parent.params["as_json"]):  # trunk params --json set
-        told = [change._asdict() for change in changes]
-        write_json("params-apply-1", {"node": node, "applied": not dry_run, "changes": told})
+        values = [change._asdict() for change in changes]
+        write_json("params-apply-1", {"node": node, "applied": not dry_run, "changes": values})
         return
     for change in changes:
         click.echo(str(change))

@@ -68,7 +68,7 @@ def shown(layers: Iterable[Layer]) -> list[Shown]:
 
 
 def _declaration(section: Section, name: str) -> Declaration | None:
-    """Return what declares a parameter of a section: of the first of our nodes that has it."""
+    """Return the declaration of a section's parameter: of the first of our nodes that has it."""
     from trunk_msgs_util.parameters.table_keys import listed
 
     from ...plans.nodes import NODES

@@ -9,6 +9,7 @@ from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util.parameters.declarations import Declaration
 from trunk_msgs_util.parameters.table_keys import listed
 
+from ...console.tables import aligned
 from ...plans.nodes import NODES
 
 _LONG = 24  # characters; a longer array is not listed in full
@@ -30,7 +31,7 @@ def short_text(value: object) -> str:
 
 
 def allowed_text(declaration: Declaration) -> str:
-    """Return what is allowed besides the type: choices, or bounds; for an array, of each value."""
+    """Return the allowed values besides the type: choices, or bounds; for an array, of each value."""
     size = f"{declaration.length} values" if declaration.length is not None else ""
     if declaration.longest is not None:
         size = f"up to {declaration.longest} values"
@@ -53,12 +54,7 @@ def rule_table_text(rows: Sequence[str]) -> str:
     """Return a rule table with its labels: a row for each label of e, a column for each of e_dot."""
     cells: list[Sequence[str]] = [("e \\ e_dot", *INPUT_LABELS)]
     cells += [(label, *row.split()) for label, row in zip(INPUT_LABELS, rows, strict=True)]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    lines = (
-        "  ".join(text.ljust(w) for text, w in zip(row, widths, strict=True)).rstrip()
-        for row in cells
-    )
-    return indent("\n".join(lines), " " * 4)
+    return indent("\n".join(aligned(cells)), " " * 4)
 
 
 def markdown_rows(node: str) -> dict[str, str]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import count
@@ -15,7 +13,7 @@ import click
 from ...analysis.metrics import QUANTITIES
 from ...console.document import json_option, write_json
 from ...console.progress import progress_bar
-from ...console.tables import print_table
+from ...console.tables import csv_table, markdown_table, print_table
 from ...study.compare import FELL, MeanDifference, compare_study
 from ...study.intervals import RESAMPLES, Estimate
 from ...study.results import METRICS, Results
@@ -84,45 +82,48 @@ def command(ctx: click.Context, results: Path, form: str | None, as_json: bool) 
     compared = Compared.of(Results.read(results))
     if as_json:
         write_json("compare-study-1", {"study": results, **as_values(compared)})
-    elif form == "csv":
+        return
+    if form == "csv":
         click.echo(_as_csv(compared.differences), nl=False)
-    elif form == "markdown":
-        click.echo("\n\n".join(_markdown(title, lines) for title, lines in _tables(compared)))
+        return
+    tables = _tables(compared)
+    if form == "markdown":
+        click.echo("\n\n".join(f"{t}\n\n{markdown_table(h, rows)}" for t, h, rows in tables))
     else:
-        for number, (title, (header, *rows)) in enumerate(_tables(compared)):
+        for number, (title, header, rows) in enumerate(tables):
             print_table(f"{results}: {title}" if number == 0 else title, header, rows)
 
 
-def as_values(found: Compared) -> dict[str, object]:
+def as_values(compared: Compared) -> dict[str, object]:
     """Return all of it as plain values; None for what does not exist."""
     return {
         "falls": [
             {
-                "controller": one.controller,
-                "fell": one.fell,
-                "runs": one.runs,
-                "refused": one.refused,
-                "share": _estimate(one.share),
+                "controller": fall.controller,
+                "fell": fall.fell,
+                "runs": fall.runs,
+                "refused": fall.refused,
+                "share": _estimate(fall.share),
             }
-            for one in found.falls
+            for fall in compared.falls
         ],
         "distributions": [
             {
                 "metric": metric,
-                "controller": one.controller,
-                "stood": one.stood,
-                "runs": len(one.values),
-                "mean": _estimate(one.mean),
-                "median": _estimate(one.median),
+                "controller": spread.controller,
+                "stood": spread.stood,
+                "runs": len(spread.values),
+                "mean": _estimate(spread.mean),
+                "median": _estimate(spread.median),
                 "histogram": None
                 if edges is None
-                else {"edges": edges.tolist(), "counts": counts_in(one.values, edges)},
+                else {"edges": edges.tolist(), "counts": counts_in(spread.values, edges)},
             }
-            for metric, some in found.distributions.items()
-            for edges in [bins_of(some)]
-            for one in some
+            for metric, spreads in compared.distributions.items()
+            for edges in [bins_of(spreads)]
+            for spread in spreads
         ],
-        "differences": [difference_values(one) for one in found.differences],
+        "differences": [difference_values(difference) for difference in compared.differences],
     }
 
 
@@ -135,53 +136,49 @@ def difference_values(difference: MeanDifference) -> dict[str, object]:
     return {**values, "verdict": difference.verdict}
 
 
-def _estimate(one: Estimate) -> dict[str, float | None]:
-    return {name: value if isfinite(value) else None for name, value in one._asdict().items()}
+def _estimate(estimate: Estimate) -> dict[str, float | None]:
+    return {name: value if isfinite(value) else None for name, value in estimate._asdict().items()}
 
 
 def _as_csv(differences: Sequence[MeanDifference]) -> str:
-    text = io.StringIO()
-    names = [*(f.name for f in fields(MeanDifference)), "verdict"]
-    writer = csv.DictWriter(text, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(difference_values(one) for one in differences)
-    return text.getvalue()
+    names = (*(field.name for field in fields(MeanDifference)), "verdict")
+    return csv_table(names, (tuple(difference_values(d).values()) for d in differences))
 
 
-def _markdown(title: str, lines: Sequence[Row]) -> str:
-    header, *rows = lines
-    told = [header, ("---",) * len(header), *rows]
-    table = "\n".join(f"| {' | '.join(cell.strip() for cell in line)} |" for line in told)
-    return f"{title}\n\n{table}"
-
-
-def _tables(found: Compared) -> list[tuple[str, list[Row]]]:
-    """Return titles and lines; the first line of each table is its header."""
-    stood = f"mean and median of |quantity| [95 %: percentile bootstrap, {RESAMPLES} resamples]"
-    pairs = "first minus second, same grid point and draw, both stood [95 %: as above]"
+def _tables(compared: Compared) -> list[tuple[str, Row, list[Row]]]:
+    """Return titles, headers and rows."""
     by_metric: dict[str, list[MeanDifference]] = {}
-    for one in found.differences:
-        if one.metric != FELL:
-            by_metric.setdefault(one.metric, []).append(one)
-    spread = found.distributions
+    for difference in compared.differences:
+        if difference.metric != FELL:
+            by_metric.setdefault(difference.metric, []).append(difference)
+    spreads = compared.distributions
+    stood = {metric: list(map(_cells, group)) for metric, group in spreads.items()}
+    pairs = {metric: list(map(_pair, differences)) for metric, differences in by_metric.items()}
+    bins = {metric: _histograms(group) for metric, group in spreads.items()}
     return [
-        ("how often it fell [95 %: Wilson]", [_FALLS, *map(_fall_cells, found.falls)]),
-        (stood, [_STOOD, *_by_metric({m: list(map(_cells, some)) for m, some in spread.items()})]),
+        ("how often it fell [95 %: Wilson]", _FALLS, list(map(_fall_cells, compared.falls))),
         (
-            pairs,
-            [_PAIRS, *_by_metric({m: list(map(_pair, some)) for m, some in by_metric.items()})],
+            f"mean and median of |quantity| [95 %: percentile bootstrap, {RESAMPLES} resamples]",
+            _STOOD,
+            _by_metric(stood),
+        ),
+        (
+            "first minus second, same grid point and draw, both stood [95 %: as above]",
+            _PAIRS,
+            _by_metric(pairs),
         ),
         (
             "histograms where it stood; the last bin also holds the highest 1 %",
-            [_BINS, *_by_metric({m: _histograms(some) for m, some in spread.items()})],
+            _BINS,
+            _by_metric(bins),
         ),
     ]
 
 
-def _by_metric(found: Mapping[str, list[Row]]) -> list[Row]:
-    """Return a line for each metric, and below it those of its controllers."""
+def _by_metric(rows_of: Mapping[str, list[Row]]) -> list[Row]:
+    """Return a row for each metric, and below it those of its controllers."""
     lines: list[Row] = []
-    for metric, rows in found.items():
+    for metric, rows in rows_of.items():
         if rows:
             quantity = QUANTITIES[metric]
             lines.append((quantity.label, quantity.unit, *[""] * (len(rows[0]) - 2)))
@@ -189,13 +186,15 @@ def _by_metric(found: Mapping[str, list[Row]]) -> list[Row]:
     return lines
 
 
-def _fall_cells(one: Falls) -> Row:
-    share = percent(one.share.value) if one.share.told else ""
-    return one.controller, f"{one.fell} of {one.runs}", share, one.bounds, f"{one.refused} refused"
+def _fall_cells(fall: Falls) -> Row:
+    share = percent(fall.share.value) if fall.share.told else ""
+    fell, refused = f"{fall.fell} of {fall.runs}", f"{fall.refused} refused"
+    return fall.controller, fell, share, fall.bounds, refused
 
 
-def _cells(one: MetricDistribution) -> Row:
-    return one.controller, one.of_stood, estimate_text(one.mean), estimate_text(one.median)
+def _cells(spread: MetricDistribution) -> Row:
+    mean, median = estimate_text(spread.mean), estimate_text(spread.median)
+    return spread.controller, spread.of_stood, mean, median
 
 
 def _pair(d: MeanDifference) -> Row:
@@ -204,12 +203,12 @@ def _pair(d: MeanDifference) -> Row:
     return f"{d.first} - {d.second}", f"{d.left_out}/{d.left_out + d.pairs}", mean, smaller
 
 
-def _histograms(found: list[MetricDistribution]) -> list[Row]:
-    edges = bins_of(found)
+def _histograms(spreads: list[MetricDistribution]) -> list[Row]:
+    edges = bins_of(spreads)
     if edges is None:
-        return [(one.controller, "", "none", "") for one in found]
+        return [(spread.controller, "", "none", "") for spread in spreads]
     low, high = number_text(float(edges[0])), number_text(float(edges[-1]))
-    return [(one.controller, low, _bars(counts_in(one.values, edges)), high) for one in found]
+    return [(s.controller, low, _bars(counts_in(s.values, edges)), high) for s in spreads]
 
 
 def _bars(counts: Sequence[int]) -> str:

@@ -70,8 +70,8 @@ def command(
     results = Results.read(path)
     axes = choose_axes(results.grid, x, y, str(path))
     with progress_bar("Floquet multipliers") as tell:
-        found = panels(results, metric, axes, not no_floquet, tell)
-    save(draw(found, metric, axes, f"{path.stem}: {len(results.table)} runs"), target)
+        drawn = panels(results, metric, axes, not no_floquet, tell)
+    save(draw(drawn, metric, axes, f"{path.stem}: {len(results.table)} runs"), target)
     if as_json:
         values = {
             "results": path,
@@ -80,11 +80,11 @@ def command(
             "metric": metric,
             "x": axes[0],
             "y": axes[1],
-            "panels": [panel_values(panel) for panel in found],
+            "panels": [panel_values(panel) for panel in drawn],
         }
         write_json("map-1", values)
         return
-    click.echo(f"{target}: {len(found)} controllers over {axes[0]} and {axes[1]}")
+    click.echo(f"{target}: {len(drawn)} controllers over {axes[0]} and {axes[1]}")
 
 
 def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metric: str) -> str:

@@ -49,8 +49,8 @@ def command(
     check_output(target, (".html", ".htm"), force, [results])
     read = Results.read(results)
     with progress_bar("Floquet multipliers") as tell:
-        found = make_report(read, metric, None if no_floquet else tell)
-    page = render(found).encode("utf-8")
+        report = make_report(read, metric, None if no_floquet else tell)
+    page = render(report).encode("utf-8")
     with whole_file(target) as part:
         part.write_bytes(page)
     if as_json:
@@ -58,19 +58,19 @@ def command(
             "results": results,
             "output": target,
             "bytes": len(page),
-            "runs": found.runs,
+            "runs": report.runs,
             "worst": [
                 {
-                    "run": one.run,
-                    "controller": one.controller,
-                    "fell": one.fell,
-                    "ended": one.ended,
-                    "value": one.value,
+                    "run": run.run,
+                    "controller": run.controller,
+                    "fell": run.fell,
+                    "ended": run.ended,
+                    "value": run.value,
                     "command": command,
                 }
-                for one, command in found.worst
+                for run, command in report.worst
             ],
         }
         write_json("study-report-1", values)
         return
-    click.echo(f"{target}: {found.runs} runs, {len(page) / 1e6:.1f} MB")
+    click.echo(f"{target}: {report.runs} runs, {len(page) / 1e6:.1f} MB")

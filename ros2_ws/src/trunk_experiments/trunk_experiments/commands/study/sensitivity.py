@@ -63,54 +63,54 @@ def command(study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_j
     runs = total_runs(read, n)
     workers = max(1, min(jobs or len(os.sched_getaffinity(0)), -(-runs // read.block)))
     with progress_bar("runs") as tell:
-        found = sensitivities(read, bases, n, wanted, processes(workers), tell)
+        results = sensitivities(read, bases, n, wanted, processes(workers), tell)
     if as_json:
         values = {
             "study": study,
             "n": n,
             "runs": runs,
-            "indices": [as_values(one) for one in found],
+            "indices": [as_values(result) for result in results],
         }
         write_json("study-sensitivity-1", values)
         return
     click.echo(f"{study}: {runs} runs, n = {n}\n")
-    for one in found:
-        _show(one)
+    for result in results:
+        _show(result)
 
 
-def as_values(one: Sensitivity) -> dict[str, object]:
+def as_values(result: Sensitivity) -> dict[str, object]:
     """Return one metric's indices as plain values."""
     return {
-        "controller": one.controller,
-        "metric": one.metric,
-        "runs": one.runs,
-        "fell": one.fell,
-        "filled": one.filled,
-        "doubtful": one.doubtful,
+        "controller": result.controller,
+        "metric": result.metric,
+        "runs": result.runs,
+        "fell": result.fell,
+        "filled": result.filled,
+        "doubtful": result.doubtful,
         "parameters": [
             {"name": i.parameter, "first": i.first._asdict(), "total": i.total._asdict()}
-            for i in one.indices
+            for i in result.indices
         ],
     }
 
 
-def _show(one: Sensitivity) -> None:
+def _show(result: Sensitivity) -> None:
     from ...study.compare import FELL
 
-    name = "how often it fell" if one.metric == FELL else QUANTITIES[one.metric].label
-    title = f"{one.controller}: {name}"
-    if one.metric == FELL:
-        title += f" ({one.fell} of {one.runs} runs)"
-    elif one.filled:
-        title += f" ({one.filled} of {one.runs} runs have none and count as the worst)"
-    if one.doubtful:
+    name = "how often it fell" if result.metric == FELL else QUANTITIES[result.metric].label
+    title = f"{result.controller}: {name}"
+    if result.metric == FELL:
+        title += f" ({result.fell} of {result.runs} runs)"
+    elif result.filled:
+        title += f" ({result.filled} of {result.runs} runs have none and count as the worst)"
+    if result.doubtful:
         title += ": doubtful"
-    if not one.indices:
+    if not result.indices:
         click.echo(f"{title}: the same in all runs: no parameter matters\n")
         return
-    rows = [(i.parameter, _text(i.first), _text(i.total)) for i in one.indices]
+    rows = [(i.parameter, _text(i.first), _text(i.total)) for i in result.indices]
     print_table(title, _HEADER, rows)
 
 
-def _text(one: Estimate) -> str:
-    return f"{one.value:.2f} [{one.low:.2f}…{one.high:.2f}]"
+def _text(estimate: Estimate) -> str:
+    return f"{estimate.value:.2f} [{estimate.low:.2f}…{estimate.high:.2f}]"

@@ -151,11 +151,11 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
 
     plan, plant = _linear("pid", options)
     plant = plant._replace(c=damping * plant.b, lag=lag)
-    found = relay(plant, amplitude)
+    ultimate = relay(plant, amplitude)
     if not options["as_json"]:
-        show_relay(found)
-    gains = ziegler_nichols(found.gain, found.period)
-    finish(plan, gains, options, plant=plant, how={"relay": found._asdict()})
+        show_relay(ultimate)
+    gains = ziegler_nichols(ultimate.gain, ultimate.period)
+    finish(plan, gains, options, plant=plant, how={"relay": ultimate._asdict()})
 
 
 @command.command("optimise")
@@ -185,7 +185,7 @@ def optimise_command(
     _check(options)
     plan = partial(_plan, controller, options["params"], options["settings"], options["rate"])
     with progress_bar("generations") as tell:
-        found = search(
+        optimum = search(
             [plan(scenario) for scenario in scenarios],
             metric,
             generations,
@@ -195,18 +195,18 @@ def optimise_command(
         )
     if not options["as_json"]:
         click.echo(
-            f"{metric}, mean over {', '.join(scenarios)}: {found.start_cost:.6g} before, "
-            f"{found.cost:.6g} after {found.runs} runs (seed {seed})"
+            f"{metric}, mean over {', '.join(scenarios)}: {optimum.start_cost:.6g} before, "
+            f"{optimum.cost:.6g} after {optimum.runs} runs (seed {seed})"
         )
     search_values = {
         "metric": metric,
         "scenarios": scenarios,
-        "before": found.start_cost,
-        "after": found.cost,
-        "runs": found.runs,
+        "before": optimum.start_cost,
+        "after": optimum.cost,
+        "runs": optimum.runs,
         "seed": seed,
     }
-    finish_values(plan(scenarios[0]), found.values, options, how={"search": search_values})
+    finish_values(plan(scenarios[0]), optimum.values, options, how={"search": search_values})
 
 
 def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
