@@ -23,7 +23,7 @@ _LOADED = (
         f"trunk_experiments.commands.{name}"
         for name in (
             *("compare", "diff", "doctor", "explain", "export", "info", "metrics"),
-            *("plan", "plot", "recover", "report", "simulate", "sweep", "verify"),
+            *("plan", "plot", "recover", "report", "simulate", "study.sweep", "verify"),
         )
     ),
     "trunk_experiments.console.options",

@@ -194,6 +194,7 @@ def _help(context: click.Context, words: tuple[str, ...], everything: bool) -> N
 @click.group(
     cls=_Trunk,
     package=f"{__package__}.commands",
+    modules={"sweep": "study.sweep"},
     overview=OVERVIEW,
     options_metavar="[--version]",
     subcommand_metavar="VERB [ARGS]...",

@@ -76,6 +76,12 @@ def file_option(*names: str, help: str, metavar: str = "FILE") -> Callable[[Func
     return click.option(*names, type=click.Path(path_type=Path), metavar=metavar, help=help)
 
 
+def results_argument(function: Function) -> Function:
+    """Add the argument ``results``: the Parquet file of a sweep."""
+    kind = click.Path(path_type=Path, exists=True, dir_okay=False)
+    return click.argument("results", metavar="OUT.parquet", type=kind)(function)
+
+
 def names_or_files(known: Callable[[], Iterable[str]]) -> Complete:
     """Return a completion of names, or of files if no name begins with what was typed."""
 

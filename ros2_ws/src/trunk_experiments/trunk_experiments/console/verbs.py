@@ -47,14 +47,20 @@ class Verbs(click.Group):
 class LazyVerbs(Verbs):
     """Verbs with a module each, in ``package``, that is imported only when the verb is called.
 
-    Help and completion need the ``overview`` alone: each verb's line.
+    Help and completion need the ``overview`` alone: each verb's line. ``modules`` has those that do not have
+    their verb's name.
     """
 
     def __init__(
-        self, *args: Any, package: str, overview: Mapping[str, str], **kwargs: Any
+        self,
+        *args: Any,
+        package: str,
+        overview: Mapping[str, str],
+        modules: Mapping[str, str] | None = None,
+        **kwargs: Any,
     ) -> None:
         super().__init__(*args, **kwargs)
-        self._package, self._overview = package, overview
+        self._package, self._overview, self._modules = package, overview, modules or {}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self._overview)
@@ -62,7 +68,7 @@ class LazyVerbs(Verbs):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self._overview:
             return None
-        module = import_module(f"{self._package}.{cmd_name.replace('-', '_')}")
+        module = import_module(f"{self._package}.{self._modules.get(cmd_name, cmd_name)}")
         command: click.Command = module.command
         return command
 

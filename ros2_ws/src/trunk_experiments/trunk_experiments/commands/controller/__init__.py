@@ -11,6 +11,7 @@ from ...console.verbs import LazyVerbs
     "controller",
     cls=LazyVerbs,
     package=__name__,
+    modules={"check-node": "check_node"},
     overview={
         "new": "Make a package: a sliding-mode controller to change into your own.",
         "check": "Apply the conformance kit to a registered controller.",

@@ -12,6 +12,7 @@ import click
 
 from ...analysis.metrics import QUANTITIES
 from ...console.document import json_option, write_json
+from ...console.options import results_argument
 from ...console.progress import progress_bar
 from ...console.tables import csv_table, markdown_table, print_table
 from ...study.compare import FELL, MeanDifference, compare_study
@@ -63,11 +64,7 @@ class Compared:
 
 
 @click.command("compare")
-@click.argument(
-    "results",
-    metavar="OUT.parquet",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-)
+@results_argument
 @json_option("compare-study-1")
 @click.option("--csv", "form", flag_value="csv", help="Print the differences as CSV.")
 @click.option("--markdown", "form", flag_value="markdown", help="Print Markdown tables.")

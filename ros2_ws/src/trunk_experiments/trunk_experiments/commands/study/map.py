@@ -14,7 +14,7 @@ from ...console.options import names_or_files, studies
 from ...console.outputs import check_output, output_options
 from ...console.progress import progress_bar
 from ...errors import PlanError
-from ..sweep import ended, run_sweep
+from .sweep import ended, run_sweep
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Floats

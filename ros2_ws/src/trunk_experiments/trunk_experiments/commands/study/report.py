@@ -7,15 +7,12 @@ from pathlib import Path
 import click
 
 from ...console.document import json_option, write_json
+from ...console.options import results_argument
 from ...console.outputs import check_output, output_options
 
 
 @click.command("report")
-@click.argument(
-    "results",
-    metavar="OUT.parquet",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-)
+@results_argument
 @output_options("The page to write.  [default: beside the results, .html]")
 @click.option(
     "--metric",

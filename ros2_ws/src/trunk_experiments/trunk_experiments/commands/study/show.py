@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ...console.document import json_option, write_json
+from ...console.options import results_argument
 from ...console.outputs import check_output, output_options
 from ...console.terminal import line_of
 from ...errors import PlanError
@@ -15,11 +16,7 @@ _LONG = 100_000  # states, which take seconds
 
 
 @click.command("show")
-@click.argument(
-    "results",
-    metavar="OUT.parquet",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-)
+@results_argument
 @click.option(
     "--run",
     "number",

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..console.document import json_option, write_json
-from ..console.options import names_or_files, studies
-from ..console.outputs import check_output, output_options
-from ..console.progress import progress_bar
-from ..console.terminal import show_warnings
+from ...console.document import json_option, write_json
+from ...console.options import names_or_files, studies
+from ...console.outputs import check_output, output_options
+from ...console.progress import progress_bar
+from ...console.terminal import show_warnings
 
 if TYPE_CHECKING:
-    from ..study.sweep import SweepJob
+    from ...study.sweep import SweepJob
 
 
 @click.command("sweep")
@@ -48,8 +48,8 @@ def command(
     A sweep that was interrupted, even by kill -9, resumes when the same command is given
     again. The same study gives the same file, however it was run.
     """
-    from ..study.file import read_study
-    from ..study.sweep import SweepJob
+    from ...study.file import read_study
+    from ...study.sweep import SweepJob
 
     check_output(output, (".parquet",), force, [study])
     sweep = SweepJob(read_study(study), output)
@@ -83,7 +83,7 @@ def run_sweep(
     sweep: SweepJob, jobs: int | None = None, scheduler: str | None = None
 ) -> dict[str, int]:
     """Run a sweep, or the rest of an interrupted one, showing progress; return the count of each outcome."""
-    from ..study.sweep import outcome_counts, processes
+    from ...study.sweep import outcome_counts, processes
 
     total = sweep.study.total
     done = sweep.start()
@@ -94,7 +94,7 @@ def run_sweep(
         missing = len(sweep.missing)
         runner = processes(max(1, min(jobs or len(os.sched_getaffinity(0)), missing)))
     else:
-        from ..study.cluster import dask_runner
+        from ...study.cluster import dask_runner
 
         runner = dask_runner(scheduler)
     with progress_bar("runs") as tell:
