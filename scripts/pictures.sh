@@ -39,7 +39,7 @@ trunk report "$runs/demo.mcap" -o "$runs/surface.html"
 
 for study in actuator network delay_gain; do
     trunk sweep "$study" -o "$runs/$study.parquet"
-    trunk map "$runs/$study.parquet" -o "$images/$study.png" --force
+    trunk study map "$runs/$study.parquet" -o "$images/$study.png" --force
 done
 
 python scripts/push_picture.py "$browser" "$images/push.gif" "$images/live.png"

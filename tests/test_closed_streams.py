@@ -13,7 +13,7 @@ import pytest
 from tests.hostile.verbs import Arguments, of_recording
 
 from trunk_experiments.api import plan, simulate
-from trunk_experiments.cli import _VERBS
+from trunk_experiments.cli import OVERVIEW
 from trunk_experiments.runs.processes import find_executable
 
 pytestmark = pytest.mark.slow
@@ -78,7 +78,7 @@ VERBS: Mapping[str, Arguments] = {
         for name, words in of_recording(Path("pid.mcap"), Path("base.mcap"), Path()).items()
         if name.split()[0] in ("verify", "doctor", "recover")
     },
-    **{f"{verb} --help": (verb, "--help") for verb in _VERBS},
+    **{f"{verb} --help": (verb, "--help") for verb in OVERVIEW},
     "--version": ("--version",),
     "--help": ("--help",),
     "no arguments": (),

@@ -34,7 +34,7 @@ _TOO_MANY = ("list runs", "/")
 FINE = {
     *(("list runs", place) for place in (".", "..", "folder", "hollow", "two", "~")),
     *(("params show", file) for file in ("params.yaml", "yaml.mcap")),
-    *(("compare --study", file) for file in ("study.parquet", "parquet.mcap")),
+    *(("study compare", file) for file in ("study.parquet", "parquet.mcap")),
     *(("paper", place) for place in ("x", "x.", ".x", "x.txt", "x.mcap.bak", "x.MCAP2", "folder")),
 }
 

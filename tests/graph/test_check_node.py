@@ -1,4 +1,4 @@
-"""`trunk check node`: what a running node does otherwise than it should is named."""
+"""`trunk controller check-node`: what a running node does otherwise than it should is named."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_each_fault_is_named(children: Children) -> None:
 
 def test_ours_keep_every_check(children: Children) -> None:
     node = children.node("fuzzy_pid")
-    checked = children.trunk("check", "node", "--limit", 100, "--wait", 600, "--json")
+    checked = children.trunk("controller", "check-node", "--limit", 100, "--wait", 600, "--json")
     assert checked.wait() in (0, 1), checked.stderr
     node.stop(signal.SIGKILL)
     document = json.loads(checked.stdout)

@@ -23,10 +23,10 @@ _LOADED = (
         f"trunk_experiments.commands.{name}"
         for name in (
             *("compare", "diff", "doctor", "explain", "export", "info", "metrics"),
-            *("plan", "plot", "recover", "report", "simulate", "sweep", "verify"),
+            *("plan", "plot", "recover", "report", "simulate", "study.sweep", "verify"),
         )
     ),
-    "trunk_experiments.console.common",
+    "trunk_experiments.console.options",
     "trunk_experiments.recorded.run",
     "trunk_experiments.runs.offline_recording",
     "trunk_experiments.views.plots",

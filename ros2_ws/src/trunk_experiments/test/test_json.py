@@ -60,7 +60,7 @@ def test_a_key_that_the_schema_does_not_know_is_found(recordings_here, command_s
         ("simulate fig8 -o new.mcap --set pid.gains.p=x", 2, "gains.p"),
         ("sign cut.mcap --key key", 2, "key"),
         ("compare a.mcap --csv", 2, "--json and --csv: give one of them"),
-        ("compare", 2, "give RUN..."),
+        ("compare", 2, "Missing argument 'RUN...'"),
         ("metricz a.mcap", 2, "did you mean 'metrics'?"),
         ("metrics a.mcap --nix", 2, "No such option"),
         ("list", 2, "No such option '--json'"),

@@ -1,4 +1,4 @@
-"""``trunk map`` as a user sees it: what cannot be drawn is refused before anything is swept."""
+"""``trunk study map`` as a user sees it: what cannot be drawn is refused before anything is swept."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def here(tmp_path, monkeypatch):
 
 
 def run(*arguments):
-    done = CliRunner().invoke(trunk, ["map", *map(str, arguments)])
+    done = CliRunner().invoke(trunk, ["study", "map", *map(str, arguments)])
     return done, f"{done.exception} {done.output}"
 
 

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.console.common import FiniteRange
+from trunk_experiments.console.options import FiniteRange
 from trunk_msgs_util.errors import TrunkError
 
 

@@ -65,7 +65,7 @@ OVER_INPUTS = [
     ("tune", "poles", "--params", "params.yaml", "-o", "params.yaml"),
     ("fit", "path", "params.yaml", "-o", "params.yaml"),
     ("sweep", "study.yaml", "-o", "study.yaml"),
-    ("map", "study.yaml", "-o", "study.yaml"),
+    ("study", "map", "study.yaml", "-o", "study.yaml"),
 ]
 
 

@@ -80,7 +80,7 @@ def test_a_bad_controller_gives_one_line_and_the_others_go_on(
 def test_two_controllers_of_one_name_are_refused_naming_both_packages(tmp_path: Path) -> None:
     install(tmp_path, "first", "mine = first:LAW", module=ONE_OF_OURS)
     install(tmp_path, "second", "mine = second:LAW", module=ONE_OF_OURS)
-    run = trunk(tmp_path, "check", "controller", "mine")
+    run = trunk(tmp_path, "controller", "check", "mine")
     assert run.returncode == 2
     line = run.stderr.splitlines()[-1]
     assert "package first (first:LAW) and package second (second:LAW)" in line
@@ -91,7 +91,7 @@ def test_two_controllers_of_one_name_are_refused_naming_both_packages(tmp_path: 
 def test_a_law_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
     law = own_law(tmp_path, "    wanted = ", "    _ = {str(k): k for k in range(2)}\n    wanted = ")
     install(tmp_path, "mine", "mine = mine:LAW", module=law)
-    run = trunk(tmp_path, "check", "controller", "mine")
+    run = trunk(tmp_path, "controller", "check", "mine")
     (note,) = [line for line in run.stdout.splitlines() if line.startswith("note: compiled")]
     assert "not compilable: " in note
     assert "sweeps will use CPython, " in note
@@ -114,9 +114,9 @@ def test_an_exception_in_a_law_gives_one_line_with_its_place(tmp_path: Path) -> 
     assert run.returncode == 2
     assert "Traceback" not in run.stderr
     assert said in run.stderr.splitlines()[-1]
-    assert run.stderr.splitlines()[-1].endswith("; trunk check controller mine tests it alone")
+    assert run.stderr.splitlines()[-1].endswith("; trunk controller check mine tests it alone")
     assert not (tmp_path / "a.mcap").exists()
-    check = trunk(tmp_path, "check", "controller", "mine")
+    check = trunk(tmp_path, "controller", "check", "mine")
     found = [one for one in check.stdout.splitlines() if "ValueError" in one]
     assert len(found) == 1
     assert f"update, line {line}: raises ValueError" in found[0]
@@ -187,7 +187,7 @@ def test_a_module_beside_a_law_is_not_the_law(tmp_path: Path) -> None:
     ["pid", "simulator", "Mine", "mine-too", "_mine", "m__e", "9mine", "class", "numpy", "x"],
 )
 def test_names_that_a_new_controller_cannot_have(tmp_path: Path, name: str) -> None:
-    run = trunk(tmp_path, "new", "controller", name)
+    run = trunk(tmp_path, "controller", "new", name)
     assert run.returncode == 2
     assert len(run.stderr.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
@@ -195,7 +195,7 @@ def test_names_that_a_new_controller_cannot_have(tmp_path: Path, name: str) -> N
 
 def test_a_folder_that_exists_is_left_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
-    run = trunk(tmp_path, "new", "controller", "mine")
+    run = trunk(tmp_path, "controller", "new", "mine")
     assert run.returncode == 2
     assert "exists, and nothing was written: choose another name or --path" in run.stderr
     assert list((tmp_path / "mine").iterdir()) == []

@@ -32,7 +32,9 @@ def test_the_overview_imports_click_and_no_verb():
     found = imported("--help")
     assert not found & (HEAVY | {"numpy", "difflib", "trunk_experiments.recorded"})
     shared = {name for name in found if name.startswith("trunk_experiments.console.")}
-    assert shared == {f"trunk_experiments.console.{name}" for name in ("document", "mistakes")}
+    assert shared == {
+        f"trunk_experiments.console.{name}" for name in ("document", "terminal", "verbs")
+    }
 
 
 def test_metrics_import_numpy_and_neither_plan_nor_plant_nor_law(short_run):

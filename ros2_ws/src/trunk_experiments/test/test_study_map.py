@@ -67,7 +67,7 @@ def test_panels(path):
 )
 def test_a_map_renders(path, tmp_path, more):
     target = tmp_path / "map.png"
-    done = CliRunner().invoke(trunk, ["map", str(path), "-o", str(target), *more])
+    done = CliRunner().invoke(trunk, ["study", "map", str(path), "-o", str(target), *more])
     assert done.exit_code == 0, done.output
     assert target.read_bytes().startswith(b"\x89PNG")
     assert "2 controllers over" in done.output
@@ -171,7 +171,7 @@ def test_a_tie_counts_half_for_each(a, b, smaller):
 
 @pytest.mark.parametrize("form", ["--json", "--csv", "--markdown", None])
 def test_compare_prints(path, form):
-    command = ["compare", "--study", str(path), *([form] if form else [])]
+    command = ["study", "compare", str(path), *([form] if form else [])]
     done = CliRunner().invoke(trunk, command)
     assert done.exit_code == 0, done.output
     if form == "--csv":
@@ -192,7 +192,7 @@ def test_compare_prints(path, form):
 def test_no_line_is_longer_than_a_narrow_terminal(path, monkeypatch):
     monkeypatch.setattr(tables, "screen_width", lambda: 80)
     monkeypatch.chdir(path.parent)  # the file's name is in a title
-    done = CliRunner().invoke(trunk, ["compare", "--study", path.name])
+    done = CliRunner().invoke(trunk, ["study", "compare", path.name])
     assert max(map(cell_len, done.output.splitlines())) <= 80
     assert done.output.count("  where it stood  ") == 2  # no table is cut into several
 
@@ -217,13 +217,3 @@ def test_mean_and_median_have_intervals_that_cover_them():
     assert all(inside <= 60)
     assert not mean_and_median(np.array([1.0]))[1].told
     assert mean_and_median(np.array([2.0, 2.0]))[1] == (2.0, 2.0, 2.0)
-
-
-def test_compare_takes_runs_or_a_study(path):
-    for arguments, says in (
-        ([], "give RUN..., or --study OUT.parquet"),
-        (["x.mcap", "--study", str(path)], f"--study {path} and x.mcap: give one of them"),
-    ):
-        done = CliRunner().invoke(trunk, ["compare", *arguments])
-        assert done.exit_code == 2
-        assert says in done.output

@@ -211,7 +211,7 @@ def test_a_map_needs_only_the_results(study, parameters, tmp_path):
     (edited,) = panels(Results.read(path), "iae", ("delay", "gain"), with_floquet=True)
     assert (edited.growth == before.growth).all()
     parameters.unlink()
-    done = CliRunner().invoke(trunk, ["map", str(path), "-o", str(tmp_path / "map.png")])
+    done = CliRunner().invoke(trunk, ["study", "map", str(path), "-o", str(tmp_path / "map.png")])
     assert done.exit_code == 0, done.exception
 
 

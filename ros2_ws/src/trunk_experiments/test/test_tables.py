@@ -47,3 +47,20 @@ def test_columns_that_do_not_fit_follow_with_the_first():
         ["run1.mcap", "1" * 12, "2" * 12],
         ["run1.mcap", "3" * 12],
     ]
+
+
+def test_markdown_keeps_its_columns_whatever_a_cell_holds():
+    table = tables.markdown_table(("a", "b"), [("|e|", "  x"), ("", "y")])
+    assert table.splitlines() == ["| a | b |", "| --- | --- |", r"| \|e\| | x |", "|  | y |"]
+
+
+def test_csv_has_all_digits_and_nothing_for_none():
+    assert tables.csv_table(("a", "b"), [(0.1 + 0.2, None), ('"', "x")]) == (
+        'a,b\n0.30000000000000004,\n"""",x\n'
+    )
+
+
+def test_rows_are_aligned_with_texts_on_the_left():
+    rows = [("漢", "bb", "3"), ("aaa", "b", "1234")]
+    assert tables.aligned(rows, texts=2) == ["漢   bb     3", "aaa  b   1234"]
+    assert tables.aligned(rows) == ["漢   bb  3", "aaa  b   1234"]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 from contextlib import suppress
-from importlib import import_module
 from signal import SIGINT
-from typing import TextIO, cast
+from typing import TYPE_CHECKING, TextIO, cast
 
 import click
 
@@ -14,79 +13,140 @@ from trunk_msgs_util.errors import EXIT_UNREAD, EXIT_USAGE, TrunkError
 from trunk_msgs_util.text import PrintableStream
 
 from .console.document import ERROR, documents_alone, json_asked, write_json
-from .console.mistakes import line_of, say, tell
-from .errors import PlanError, tell_warnings_plainly
-from .suggestions import did_you_mean
+from .console.terminal import (
+    line_of,
+    print_error,
+    report_error,
+    show_warnings,
+)
+from .console.verbs import LazyVerbs
+from .errors import PlanError, did_you_mean, show_warnings_plainly
 
-# Verb: its module in `commands`, and one line for the overview (which thus imports nothing).
-_VERBS = {
-    "run": ("run", "Run a scenario in the ROS 2 graph and record it."),
-    "simulate": ("simulate", "Run a scenario without ROS, with the same functions."),
-    "live": ("live", "Run in a browser: push the trunk, tune and swap its controller."),
-    "watch": ("watch", "Play a recording in a browser."),
-    "branch": ("branch", "Branch a recorded run: what if something changed at a given time?"),
-    "plan": ("plan", "Write a run's parameter file, to start its nodes elsewhere."),
-    "metrics": ("metrics", "Print a recorded run's metrics."),
-    "report": ("report", "Write recorded runs as one HTML page."),
-    "compare": ("compare", "Compare recorded runs side by side."),
-    "explain": ("explain", "Explain why a run had this torque at this instant."),
-    "plot": ("plot", "Draw recorded runs as PNG, SVG or PDF."),
-    "diff": ("diff", "Find where two recorded runs diverge, bit by bit."),
-    "verify": ("verify", "Recompute a recorded run from its own data."),
-    "sign": ("sign", "Sign a recording's content with your key; make a key."),
-    "info": ("info", "Show what is in a recording."),
-    "list": ("list", "List recorded runs, scenarios, files, studies, controllers."),
-    "doctor": ("doctor", "Report what is wrong with a recording, and where."),
-    "recover": ("recover", "Write a valid file from a broken one."),
-    "export": ("export", "Write a recorded run as CSV, Parquet, npz or a smaller MCAP."),
-    "params": ("params", "List the nodes' parameters; change those of a running node."),
-    "new": ("new", "Make a package for a controller of your own."),
-    "check": ("check", "Check that a controller does what every controller must."),
-    "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
-    "paper": ("paper", "Reproduce the paper's figures and judge its claims."),
-    "limit": ("limit", "Find the greatest push, delay, mass … that a controller stands."),
-    "margins": ("margins", "How far gains are from instability, as numbers and a picture."),
-    "tune": ("tune", "Compute gains and their margins; write the gains as a parameter file."),
-    "fit": ("fit", "Compute parameters from measurements: the hip's path."),
-    "study": (
-        "study",
-        "Read a sweep: report it, repeat one of its runs, find which parameter matters.",
-    ),
-    "map": ("map", "Draw a study's stability and performance over two parameters."),
-    "bench": ("bench", "Measure speed as ratios, both sides in the same run."),
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+# The verbs by family, each with one line for the overview (which thus imports nothing).
+_FAMILIES = {
+    "run": {
+        "run": "Run a scenario in the ROS 2 graph and record it.",
+        "simulate": "Run a scenario without ROS, with the same functions.",
+        "live": "Run in a browser: push the trunk, tune, swap controllers.",
+        "branch": "Branch a recorded run: what if something changed?",
+        "plan": "Write a run's parameters, to start its nodes elsewhere.",
+    },
+    "look": {
+        "list": "List runs, scenarios, files, studies, controllers.",
+        "info": "Show what is in a recording.",
+        "metrics": "Print a recorded run's metrics.",
+        "compare": "Compare recorded runs side by side.",
+        "explain": "Explain why a run had this torque at this instant.",
+        "plot": "Draw recorded runs as PNG, SVG or PDF.",
+        "report": "Write recorded runs as one HTML page.",
+        "watch": "Play a recording in a browser.",
+        "export": "Write a run as CSV, Parquet, npz or a smaller MCAP.",
+    },
+    "trust": {
+        "verify": "Recompute a recorded run from its own data.",
+        "diff": "Find where two recorded runs diverge, bit by bit.",
+        "doctor": "Report what is wrong with a recording, and where.",
+        "recover": "Write a valid file from a broken one.",
+        "sign": "Sign a recording's content with your key; make a key.",
+    },
+    "many runs": {
+        "limit": "Find the greatest push, delay, … that a controller stands.",
+        "sweep": "Run a study: grids and draws over any parameter.",
+        "study": "Read a sweep: map, compare, report, repeat a run.",
+        "paper": "Reproduce the paper's figures and judge its claims.",
+    },
+    "tools": {
+        "params": "List the nodes' parameters; change a running node's.",
+        "margins": "How far gains are from instability; Bode, Nyquist.",
+        "tune": "Compute gains and their margins, as a parameter file.",
+        "controller": "Make a controller of your own, and check it.",
+    },
 }
+# Seldom needed: not on the first screen.
+_MORE = {
+    "fit": "Compute parameters from measurements: the hip's path.",
+    "bench": "Measure speed as ratios, both sides in the same run.",
+}
+OVERVIEW = {verb: line for verbs in (*_FAMILIES.values(), _MORE) for verb, line in verbs.items()}
+# Names that the previous release had. They do the same, and say the new name.
+_RENAMED = {
+    "map": "study map",
+    "compare --study": "study compare",
+    "new controller": "controller new",
+    "check controller": "controller check",
+    "check node": "controller check-node",
+    "new": "controller",
+    "check": "controller",
+}
+_ALL = f"{__name__}.all"  # in a context: also what is seldom needed
 
 # Prefixes and suffixes of ROS 2's module names.
 _ROS = ("rcl", "rosidl", "ament_", "launch"), ("_msgs", "_interfaces", "_srvs")
 
 
-class _Lazy(click.Group):
-    """A group that imports a verb's module only when it is called."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_VERBS)
+class _Trunk(LazyVerbs):
+    """All verbs, by family; also takes the names that they had."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _VERBS:
-            if ctx.resilient_parsing:  # shell completion
-                return None
-            raise PlanError(
-                f"no verb {cmd_name!r}: trunk --help lists them all{did_you_mean(cmd_name, _VERBS)}"
-            )
-        module = import_module(f".commands.{_VERBS[cmd_name][0]}", __package__)
-        command: click.Command = module.command
-        return command
+        return _help if cmd_name == _help.name else super().get_command(ctx, cmd_name)
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in _VERBS.items()])
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        renaming, args = _renamed(args)
+        if renaming and not ctx.resilient_parsing:
+            show_warnings([f"{renaming}; this release takes both names"])
+        return super().resolve_command(ctx, args)
+
+    def unknown(self, ctx: click.Context, name: str) -> str:
+        meant = did_you_mean(name, (*self.list_commands(ctx), "help"))
+        return f"no verb {name!r}: trunk help --all lists them all{meant}"
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the families side by side with their verbs: an overview of one screen."""
+        everything = ctx.meta.get(_ALL)
+        families = {**_FAMILIES, "more": _MORE} if everything else _FAMILIES
+        formatter.write("\n")
+        for family, verbs in families.items():
+            for verb, line in verbs.items():
+                formatter.write(f"{family:9}  {verb:10}  {line}\n")
+                family = ""
+        seldom = "" if everything else f" For {' and '.join(_MORE)}, too: trunk help --all."
+        formatter.write(f"\nFor a verb's options: trunk help VERB.{seldom}\n")
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        from click.shell_completion import CompletionItem
+
+        helps = [CompletionItem("help")] if "help".startswith(incomplete) else []
+        return [*super().shell_complete(ctx, incomplete), *helps]
 
 
-def _tell_unusable() -> None:
+def _renamed(args: list[str]) -> tuple[str, list[str]]:
+    """Return that a verb has a new name, empty if it has not, and the arguments with the new name."""
+    for old, new in _RENAMED.items():
+        verb, _, second = old.partition(" ")
+        if args[0] != verb:
+            continue
+        renaming, words = f"trunk {old} is now trunk {new}", new.split()
+        if not second:
+            return renaming, [*words, *args[1:]]
+        last = len(args) if second.startswith("-") else 2  # an option may stand anywhere
+        for number, word in enumerate(args[1:last], 1):
+            option, equals, value = word.partition("=")
+            if option == second:
+                values = [value] if equals else []
+                return renaming, [*words, *args[1:number], *values, *args[number + 1 :]]
+    return "", args
+
+
+def _warn_of_unusable() -> None:
     """Say which controllers of other packages cannot be used, if the verb knows controllers at all."""
     nodes = sys.modules.get(f"{__package__}.plans.nodes")
-    for reason in nodes.UNUSABLE.values() if nodes else ():
-        print(f"trunk: warning: {reason}; the other controllers can be used", file=sys.stderr)
+    unusable = nodes.UNUSABLE.values() if nodes else ()
+    show_warnings(f"{reason}; the other controllers can be used" for reason in unusable)
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -97,7 +157,51 @@ def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> 
         context.exit()
 
 
-@click.command(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+def _below(context: click.Context, words: list[str]) -> click.Context:
+    """Return the context of a verb below another's. Raises PlanError if there is none."""
+    while words:
+        if not isinstance(context.command, click.Group):
+            raise PlanError(f"{context.command_path} {words[0]!r}: it has no verbs of its own")
+        name, verb, words = context.command.resolve_command(context, words)
+        if verb is None:  # a shell completes below a verb that does not exist
+            raise PlanError(f"no verb {name!r}")
+        resilient = context.resilient_parsing  # while a shell completes
+        context = click.Context(verb, context, name, resilient_parsing=resilient)
+    return context
+
+
+def _complete_verb(
+    context: click.Context, parameter: click.Parameter, begun: str
+) -> list[CompletionItem]:
+    """Complete the next of a verb's words."""
+    words = list(context.params.get(parameter.name) or ())
+    try:
+        verb = _below(context.find_root(), words)
+    except PlanError:
+        return []
+    return verb.command.shell_complete(verb, begun) if isinstance(verb.command, click.Group) else []
+
+
+@click.command("help")
+@click.argument("words", metavar="[VERB]...", nargs=-1, shell_complete=_complete_verb)
+@click.option("--all", "everything", is_flag=True, help="List also what is seldom needed.")
+@click.pass_context
+def _help(context: click.Context, words: tuple[str, ...], everything: bool) -> None:
+    """Explain a verb, as VERB --help does, or list all verbs."""
+    root = context.find_root()
+    root.meta[_ALL] = everything
+    click.echo(_below(root, list(words)).get_help())
+
+
+@click.group(
+    cls=_Trunk,
+    package=f"{__package__}.commands",
+    modules={"sweep": "study.sweep"},
+    overview=OVERVIEW,
+    options_metavar="[--version]",
+    subcommand_metavar="VERB [ARGS]...",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.option(
     "--version",
     is_flag=True,
@@ -117,12 +221,12 @@ def main() -> None:
     """
     out, err = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (cast(TextIO, PrintableStream(stream)) for stream in (out, err))
-    tell_warnings_plainly()
+    show_warnings_plainly()
     try:
         with documents_alone():
             sys.exit(_code())
     finally:
-        _tell_unusable()
+        _warn_of_unusable()
         sys.stdout, sys.stderr = out, err
 
 
@@ -138,7 +242,7 @@ def _code() -> int:
         error.show()
         return _failed("a command is missing", error.exit_code)
     except click.ClickException as error:
-        return _failed(say(_usage_text(error)), error.exit_code)
+        return _failed(print_error(_usage_text(error)), error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
         return 128 + SIGINT
@@ -147,16 +251,16 @@ def _code() -> int:
     ):  # of a result that is written to a pipe; streams.py has the standard streams
         return EXIT_UNREAD
     except (TrunkError, OSError) as error:
-        return _failed(line_of(error), tell(error))
+        return _failed(line_of(error), report_error(error))
     except Exception as error:
         line = _fault_of_a_law(error) or _without_ros(error)
         if not line:
             raise
-        return _failed(say(line), EXIT_USAGE)
+        return _failed(print_error(line), EXIT_USAGE)
 
 
 def _without_ros(error: Exception) -> str:
-    """Return what to do if a module of ROS 2 is missing, as when only the wheels are installed."""
+    """Return advice if a module of ROS 2 is missing, as when only the wheels are installed."""
     missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     if not missing.startswith(_ROS[0]) and not missing.endswith(_ROS[1]):
         return ""
@@ -167,7 +271,7 @@ def _without_ros(error: Exception) -> str:
 
 
 def _fault_of_a_law(error: Exception) -> str:
-    """Return what is wrong if another package's law raised the error; empty if none did or none is loaded."""
+    """Return the fault of another package's law that raised the error; empty if none did or is loaded."""
     if f"{__package__}.plans.nodes" not in sys.modules:
         return ""
     from .plans.law_faults import fault_of_a_law
@@ -188,8 +292,6 @@ def _usage_text(error: click.ClickException) -> str:
     text = error.format_message().rstrip(".")
     if not isinstance(error, click.UsageError):
         return text
-    if error.ctx is not None:
-        words = error.ctx.command_path.split()[1:]  # the program may have been started by any name
-    else:
-        words = [word for word in sys.argv[1:2] if word in _VERBS]
+    # The program may have been started by any name.
+    words = error.ctx.command_path.split()[1:] if error.ctx else ()
     return f"{text} (see {' '.join(['trunk', *words, '--help'])})"

@@ -1,9 +1,10 @@
-"""What can go wrong in an experiment, with the exit code on each class; and how warnings are shown."""
+"""What can go wrong in an experiment, which name was meant, and how warnings are shown."""
 
 from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
@@ -83,7 +84,22 @@ class GatewayError(TrunkError):
     exit_code: ClassVar[int] = EXIT_FAILED
 
 
-def tell_warnings_plainly() -> None:
+def closest(name: str, known: Iterable[str]) -> str:
+    """Return the known name that is most like ``name``, whatever its case; empty if none is."""
+    from difflib import get_close_matches  # needed after a mistake
+
+    by_lower = {candidate.lower(): candidate for candidate in known}
+    matches = get_close_matches(name.lower(), by_lower, n=1, cutoff=0.6)
+    return by_lower[matches[0]] if matches else ""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return ``; did you mean 'fig6'?``, or nothing where no known name is like it."""
+    meant = closest(name, known)
+    return f"; did you mean {meant!r}?" if meant else ""
+
+
+def show_warnings_plainly() -> None:
     """Show Python's warnings as one line each on stderr, like the command's own."""
 
     def show(message: Warning | str, *_more: Any, **_named: Any) -> None:

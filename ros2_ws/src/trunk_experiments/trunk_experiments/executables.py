@@ -18,7 +18,8 @@ from trunk_msgs_util.node import early_signals
 _SAID: list[bool] = []  # not empty: the line has been written
 _PATIENCE = 0.5  # s that a verb has to clean up
 # These start or talk to other processes, and take the time to end them in order.
-_WITH_OTHERS = {"run", "bench", "sweep", "map", "paper", "params", "tune", "live", "watch"}
+_WITH_OTHERS = {"run", "bench", "sweep", "paper", "params", "tune", "live", "watch"}
+_WITH_OTHERS |= {"map", "study map"}
 
 # Nothing is left to do after these, and unloading rclpy would take as long as talking to a node.
 _LEAVE_AT_ONCE = {"params"}
@@ -35,9 +36,13 @@ class _Interrupted(BaseException):
         self.number = number
 
 
+def _works_with_others() -> bool:
+    return bool({" ".join(sys.argv[1:2]), " ".join(sys.argv[1:3])} & _WITH_OTHERS)
+
+
 def _unwind(number: int) -> None:
     early_signals.end_by(_end)  # a second signal: do not wait
-    if _compiles() and not set(sys.argv[1:2]) & _WITH_OTHERS:
+    if _compiles() and not _works_with_others():
         _end(number)
     raise _Interrupted(number)
 
@@ -64,14 +69,14 @@ def _end_soon() -> None:
 
     Python's handlers wait for the call in progress, such as the drawing of a long curve.
     """
-    told, tell = os.pipe()
-    os.set_blocking(tell, False)
-    signal.set_wakeup_fd(tell)
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    signal.set_wakeup_fd(writing)
 
     def watch() -> None:
-        number = os.read(told, 1)[0]
+        number = os.read(reading, 1)[0]
         while number not in early_signals.ENDING:
-            number = os.read(told, 1)[0]
+            number = os.read(reading, 1)[0]
         time.sleep(_PATIENCE)
         _end(number)
 
@@ -94,7 +99,7 @@ def trunk() -> None:
     """
     streams.prepare()
     early_signals.end_by(_end)
-    if not set(sys.argv[1:2]) & _WITH_OTHERS:
+    if not _works_with_others():
         _end_soon()
     try:
         from .cli import main

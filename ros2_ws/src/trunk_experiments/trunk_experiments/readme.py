@@ -11,7 +11,7 @@ from trunk_msgs_util.events import Event
 
 from . import api
 from .api._reference import reference
-from .commands.params import markdown_rows, markdown_table
+from .commands.params.text import markdown_rows, markdown_table
 from .plans.files import shipped_files
 from .plans.nodes import CONTROLLERS, NODES
 

@@ -9,10 +9,9 @@ from trunk_control.laws import law_named
 from trunk_msgs_util.parameters.csv_parameters import listed
 from trunk_msgs_util.parameters.declarations import Value
 
-from ..errors import PlanError
+from ..errors import PlanError, did_you_mean
 from ..plans.files import SCENARIOS, shipped_files
 from ..plans.nodes import CONTROLLERS, NODES
-from ..suggestions import did_you_mean
 
 
 @dataclass(frozen=True)

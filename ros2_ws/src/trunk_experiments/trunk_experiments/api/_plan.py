@@ -11,11 +11,10 @@ from typing import Any
 from trunk_msgs_util.parameters.declarations import Value, values_of
 from trunk_msgs_util.text import printable
 
-from ..errors import PlanError
+from ..errors import PlanError, did_you_mean
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import Swap
-from ..suggestions import did_you_mean
 from ._paths import AnyPath, output_path, path_of, writing
 from ._shown import html_table, keyed
 from ._values import layers_of, names_of, number_of

@@ -150,7 +150,7 @@ class Sweep:
         return Picture(draw(found, metric, (x, y), f"{len(self)} runs"))
 
     def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
-        """Write the results as Parquet, for `load_sweep`, `trunk map` and `trunk compare --study`.
+        """Write the results as Parquet, for `load_sweep`, `trunk study map` and `trunk study compare`.
 
         Raises PlanError for a file that exists, unless ``overwrite``, or a name not ending in ``.parquet``.
         """

@@ -7,9 +7,8 @@ from typing import Any
 
 from trunk_msgs_util.parameters.files import Layer, Section
 
-from ..errors import PlanError
+from ..errors import PlanError, did_you_mean
 from ..plans.nodes import CONTROLLERS, NODES
-from ..suggestions import did_you_mean
 from ._paths import AnyPath, path_of
 
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from trunk_msgs_util.node import early_signals
 
-from ..errors import tell_warnings_plainly
+from ..errors import show_warnings_plainly
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -62,7 +62,7 @@ class _Pool(ProcessPoolExecutor):
 def _end_with_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     early_signals.unblock()
-    tell_warnings_plainly()
+    show_warnings_plainly()
     parent = parent_process()
     if parent is None:
         return

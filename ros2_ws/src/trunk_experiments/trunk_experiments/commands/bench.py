@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from ..console.common import FiniteRange
 from ..console.document import json_option, write_json
+from ..console.options import FiniteRange
 from ..console.tables import print_table
 from ..console.verbs import Verbs
 
@@ -29,6 +29,22 @@ def _rounds(default: int) -> Callable[[Any], Any]:
         show_default=True,
         help="Number of rounds; their median is shown.",
     )
+
+
+def _loop(default_s: float, length: str) -> Callable[[Any], Any]:
+    """Return a decorator that adds ``--rate`` and ``--seconds``."""
+
+    def add(function: Any) -> Any:
+        for name, kind, default, text in (
+            ("--seconds", FiniteRange(0.1, 3600.0, unit="s"), default_s, length),
+            ("--rate", FiniteRange(1.0, 1e5, unit="Hz"), 1000.0, "Rate of the loops, Hz."),
+        ):
+            function = click.option(name, type=kind, default=default, show_default=True, help=text)(
+                function
+            )
+        return function
+
+    return add
 
 
 def _show(
@@ -100,20 +116,7 @@ def lockstep(rounds: int, steps: int, as_json: bool) -> None:
 
 @command.command("realtime")
 @_rounds(3)
-@click.option(
-    "--rate",
-    type=FiniteRange(1.0, 1e5, unit="Hz"),
-    default=1000.0,
-    show_default=True,
-    help="Rate of the loops, Hz.",
-)
-@click.option(
-    "--seconds",
-    type=FiniteRange(0.1, 3600.0, unit="s"),
-    default=10.0,
-    show_default=True,
-    help="Length of each measurement.",
-)
+@_loop(10.0, "Length of each measurement.")
 @json_option("bench-1")
 def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
     """Jitter and latency in real time against a bare rclpy timer and echo."""
@@ -137,20 +140,7 @@ def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
 @command.command("external")
 @click.argument("node")
 @_rounds(3)
-@click.option(
-    "--rate",
-    type=FiniteRange(1.0, 1e5, unit="Hz"),
-    default=1000.0,
-    show_default=True,
-    help="Rate of the loops, Hz.",
-)
-@click.option(
-    "--seconds",
-    type=FiniteRange(0.1, 3600.0, unit="s"),
-    default=4.0,
-    show_default=True,
-    help="Length of each run.",
-)
+@_loop(4.0, "Length of each run.")
 @json_option("bench-1")
 def external(node: str, rounds: int, rate: float, seconds: float, as_json: bool) -> None:
     """Compare a controller's node of your own, started by the command NODE, with our pid."""
@@ -173,20 +163,7 @@ def external(node: str, rounds: int, rate: float, seconds: float, as_json: bool)
 
 @command.command("live")
 @_rounds(5)
-@click.option(
-    "--rate",
-    type=FiniteRange(1.0, 1e5, unit="Hz"),
-    default=1000.0,
-    show_default=True,
-    help="Rate of the loop, Hz.",
-)
-@click.option(
-    "--seconds",
-    type=FiniteRange(0.1, 3600.0, unit="s"),
-    default=10.0,
-    show_default=True,
-    help="Length of each measurement.",
-)
+@_loop(10.0, "Length of each measurement.")
 @click.option(
     "--pages",
     type=click.IntRange(1, 16),

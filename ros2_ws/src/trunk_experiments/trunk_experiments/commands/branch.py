@@ -12,12 +12,12 @@ from trunk_msgs_util.recording.topic import RecordingError
 from trunk_sim.simulation import DivergedError
 
 from ..branching.branch import Branch, fanned
-from ..console.common import Number
-from ..console.controller_name import ControllerName
 from ..console.document import json_option, write_json
-from ..console.mistakes import line_of, tell
+from ..console.options import Number
 from ..console.outputs import check_folder, check_output, output_options
+from ..console.plan_options import ControllerName
 from ..console.reading import open_run, written_values
+from ..console.terminal import line_of, report_error
 from ..errors import PlanError
 
 if TYPE_CHECKING:
@@ -107,23 +107,23 @@ def command(
     made = [_branched(parent, branch, duration) for branch in branches]
     if output not in paths:
         output.mkdir(parents=True, exist_ok=True)
-    told: list[dict[str, object]] = []
+    documents: list[dict[str, object]] = []
     failed = 0
-    for branch, path, one in zip(branches, paths, made, strict=True):
-        states, diverged = _recorded(parent, branch, one, path, force)
+    for branch, path, ready in zip(branches, paths, made, strict=True):
+        states, diverged = _recorded(parent, branch, ready, path, force)
         if as_json:
             values = {
                 "at_s": branch.at,
                 "changes": branch.describe(),
                 "failure": None if diverged is None else line_of(diverged),
             }
-            told.append({**written_values(path), **values})
+            documents.append({**written_values(path), **values})
         elif diverged is None:
             click.echo(f"{path}: {states} states, from t = {branch.at:g} s {branch.describe()}")
         if diverged is not None:
-            failed = tell(diverged)
+            failed = report_error(diverged)
     if as_json:
-        write_json("branch-1", {"parent": run, "branches": told})
+        write_json("branch-1", {"parent": run, "branches": documents})
     ctx.exit(failed)
 
 
@@ -157,7 +157,7 @@ def _branches(ctx: click.Context) -> Iterator[Branch]:
 
 
 def _paths(branches: list[Branch], run: Path, output: Path, force: bool) -> list[Path]:
-    """Return where each branch is written, checked before any work. Raises PlanError."""
+    """Return the file of each branch, checked before any work. Raises PlanError."""
     if len(branches) == 1 and output.suffix.lower() == ".mcap":
         return [check_output(output, (".mcap",), force, [run])]
     if len(branches) > 1 and output.suffix.lower() == ".mcap":

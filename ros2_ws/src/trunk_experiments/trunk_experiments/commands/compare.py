@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,7 +10,7 @@ import click
 from ..analysis.metrics import QUANTITIES, MetricText
 from ..console.document import json_option, write_json
 from ..console.reading import open_views, show_warnings_of
-from ..console.tables import print_table
+from ..console.tables import csv_table, markdown_table, print_table
 from ..views.compare import Comparison, Row, compare
 from ..views.task import not_ranked
 
@@ -20,130 +18,116 @@ _LONGEST = 20  # values of an array that are listed
 
 
 @click.command("compare")
-@click.argument("runs", nargs=-1, metavar="RUN...", type=click.Path(path_type=Path))
-@click.option(
-    "--study",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    metavar="OUT.parquet",
-    help="Compare the controllers of a sweep instead, over the same draws.",
-)
-@json_option("compare-1", "compare-study-1")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
+@json_option("compare-1")
 @click.option("--csv", "form", flag_value="csv", help="Print the metrics as CSV.")
 @click.option("--markdown", "form", flag_value="markdown", help="Print Markdown tables.")
-def command(runs: tuple[Path, ...], study: Path | None, form: str | None, as_json: bool) -> None:
+@click.pass_context
+def command(ctx: click.Context, runs: tuple[Path, ...], form: str | None, as_json: bool) -> None:
     """Compare recorded runs: metrics, parameters, and where each diverges from the first.
 
     The best value of each row, the smallest in magnitude, is marked; what never happened ranks last. A run
     that fell, is incomplete, or did not keep real time is reported first and never marked. If plant, start,
     reference, disturbances or length differ between the runs, none is marked.
     """
-    if study is None and not runs:
-        raise click.UsageError("give RUN..., or --study OUT.parquet")
-    if study is not None and runs:
-        raise click.UsageError(f"--study {study} and {runs[0]}: give one of them")
     if as_json and form:
-        raise click.UsageError(f"--json and --{form}: give one of them")
-    if study is not None:
-        from .compare_study import show
-
-        show(study, form, as_json)
-        return
+        ctx.fail(f"--json and --{form}: give one of them")
     views = open_views(runs)
-    found = compare(views)
+    comparison = compare(views)
     if as_json or form is not None:
         show_warnings_of(views)
     if as_json:
-        write_json("compare-1", as_values(found, [view.path for view in views]))
+        write_json("compare-1", as_values(comparison, [view.path for view in views]))
     elif form == "csv":
-        click.echo(as_csv(found), nl=False)
+        click.echo(as_csv(comparison), nl=False)
     elif form == "markdown":
-        click.echo(as_markdown(found))
+        click.echo(as_markdown(comparison))
     else:
-        for line in doubtful(found):
+        for line in doubtful(comparison):
             click.echo(line)
         show_warnings_of(views)
-        _show(found)
+        _show(comparison)
 
 
-def divergences(found: Comparison) -> list[tuple[str, str]]:
+def divergences(comparison: Comparison) -> list[tuple[str, str]]:
     """Return, for each run after the first, its name and where it diverges from the first."""
-    return [(name, d.describe()) for name, d in zip(found.names[1:], found.diffs, strict=True)]
+    return [
+        (name, d.describe()) for name, d in zip(comparison.names[1:], comparison.diffs, strict=True)
+    ]
 
 
-def as_values(found: Comparison, files: Sequence[Path]) -> dict[str, object]:
+def as_values(comparison: Comparison, files: Sequence[Path]) -> dict[str, object]:
     """Return a comparison of the runs in some files as plain values; ``best`` holds names of runs."""
     return {
         "runs": [
             {
                 "name": name,
                 "file": file,
-                "doubts": one.as_values(),
+                "doubts": doubts.as_values(),
                 "branch": None if branch is None else branch._asdict(),
             }
-            for name, file, one, branch in zip(
-                found.names, files, found.doubts, found.branches, strict=True
+            for name, file, doubts, branch in zip(
+                comparison.names, files, comparison.doubts, comparison.branches, strict=True
             )
         ],
-        "different_tasks": list(found.tasks),
+        "different_tasks": list(comparison.tasks),
         "metrics": {
             row.key: {
                 "unit": _quantity(row.key).unit,
                 "values": list(row.values),
-                "best": [found.names[i] for i in row.best],
+                "best": [comparison.names[i] for i in row.best],
             }
-            for row in found.rows
+            for row in comparison.rows
         },
-        "parameters": {name: list(values) for name, values in found.parameters.items()},
+        "parameters": {name: list(values) for name, values in comparison.parameters.items()},
         "first_divergence": {
             name: None if d.first is None else d.first._asdict()
-            for name, d in zip(found.names[1:], found.diffs, strict=True)
+            for name, d in zip(comparison.names[1:], comparison.diffs, strict=True)
         },
     }
 
 
-def as_csv(found: Comparison) -> str:
+def as_csv(comparison: Comparison) -> str:
     """Return the metrics as CSV in full precision; empty if a quantity does not exist."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["quantity", "unit", *found.names, "best"])
-    for row in found.rows:
-        values = ["" if value is None else repr(value) for value in row.values]
-        best = "; ".join(found.names[i] for i in row.best)
-        writer.writerow([row.key, _quantity(row.key).unit, *values, best])
-    return text.getvalue()
+    rows = [
+        (
+            row.key,
+            _quantity(row.key).unit,
+            *row.values,
+            "; ".join(comparison.names[i] for i in row.best),
+        )
+        for row in comparison.rows
+    ]
+    return csv_table(("quantity", "unit", *comparison.names, "best"), rows)
 
 
-def as_markdown(found: Comparison) -> str:
+def as_markdown(comparison: Comparison) -> str:
     """Return the metrics, the best in bold, and the differing parameters as Markdown tables."""
-    lines = [f"- **{line}**" for line in doubtful(found)]
+    names = comparison.names
+    lines = [f"- **{line}**" for line in doubtful(comparison)]
     lines += [""] if lines else []
-    lines += [_line(("quantity", "unit", *found.names)), _line(("---",) * (2 + len(found.names)))]
-    for row in found.rows:
-        shown = [
-            f"**{number(row, i)}**" if i in row.best else number(row, i)
-            for i in range(len(row.values))
-        ]
+    rows = []
+    for row in comparison.rows:
+        numbers = [number(row, i) for i in range(len(row.values))]
+        shown = [f"**{text}**" if i in row.best else text for i, text in enumerate(numbers)]
         quantity = _quantity(row.key)
-        lines.append(_line((quantity.label, quantity.unit, *shown)))
-    if found.parameters:
-        lines += ["", _line(("parameter", *found.names)), _line(("---",) * (1 + len(found.names)))]
-        lines += [_line((k, *map(setting, v))) for k, v in found.parameters.items()]
-    told = [*branched(found), *divergences(found)]
-    lines += ["", *(f"- {name}: {where}" for name, where in told)]
+        rows.append((quantity.label, quantity.unit, *shown))
+    lines += [markdown_table(("quantity", "unit", *names), rows)]
+    if comparison.parameters:
+        settings = [(k, *map(setting, v)) for k, v in comparison.parameters.items()]
+        lines += ["", markdown_table(("parameter", *names), settings)]
+    notes = [*branched(comparison), *divergences(comparison)]
+    lines += ["", *(f"- {name}: {where}" for name, where in notes)]
     return "\n".join(lines).rstrip()
 
 
-def branched(found: Comparison) -> list[tuple[str, str]]:
+def branched(comparison: Comparison) -> list[tuple[str, str]]:
     """Return the name of each run that is a branch, and of which run it is one."""
     return [
-        (name, one.describe())
-        for name, one in zip(found.names, found.branches, strict=True)
-        if one is not None
+        (name, branch.describe())
+        for name, branch in zip(comparison.names, comparison.branches, strict=True)
+        if branch is not None
     ]
-
-
-def _line(cells: tuple[str, ...]) -> str:
-    return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
 
 
 def _quantity(key: str) -> MetricText:
@@ -166,21 +150,21 @@ def setting(value: object) -> str:
     return "–" if value is None else str(value)
 
 
-def doubtful(found: Comparison) -> list[str]:
+def doubtful(comparison: Comparison) -> list[str]:
     """Return a line for each doubt about a run, and one if the runs are not ranked."""
     lines = [
         f"{name}: {line}"
-        for name, one in zip(found.names, found.doubts, strict=True)
-        for line in one.lines
+        for name, doubts in zip(comparison.names, comparison.doubts, strict=True)
+        for line in doubts.lines
     ]
-    return [*filter(None, [not_ranked(found.tasks)]), *lines]
+    return [*filter(None, [not_ranked(comparison.tasks)]), *lines]
 
 
-def _show(found: Comparison) -> None:
-    told = "* best; doubtful runs are not ranked" if any(found.doubts) else "* best"
+def _show(comparison: Comparison) -> None:
+    legend = "* best; doubtful runs are not ranked" if any(comparison.doubts) else "* best"
     print_table(
-        f"metrics ({'not ranked' if found.tasks else told})",
-        ("quantity", *found.names, "unit"),
+        f"metrics ({'not ranked' if comparison.tasks else legend})",
+        ("quantity", *comparison.names, "unit"),
         [
             (
                 _quantity(row.key).label,
@@ -190,16 +174,16 @@ def _show(found: Comparison) -> None:
                 ),
                 _quantity(row.key).unit,
             )
-            for row in found.rows
+            for row in comparison.rows
         ],
     )
-    if found.parameters:
+    if comparison.parameters:
         print_table(
             "parameters that differ",
-            ("parameter", *found.names),
-            [(name, *map(setting, values)) for name, values in found.parameters.items()],
+            ("parameter", *comparison.names),
+            [(name, *map(setting, values)) for name, values in comparison.parameters.items()],
         )
-    for name, whose in branched(found):
+    for name, whose in branched(comparison):
         click.echo(f"{name}: {whose}")
-    for name, where in divergences(found):
-        click.echo(f"{found.names[0]} (A) and {name} (B): {where}")
+    for name, where in divergences(comparison):
+        click.echo(f"{comparison.names[0]} (A) and {name} (B): {where}")

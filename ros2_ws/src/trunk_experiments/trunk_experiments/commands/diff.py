@@ -27,33 +27,35 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     first, second = open_run(a), open_run(b)
     for run in (first, second):
         show_damage(run, f"{run.path}: ")
-    found = diff(first, second)
+    difference = diff(first, second)
     if as_json:
         values = {
             "runs": [run_values(first), run_values(second)],
-            "identical": found.identical,
-            "same_plan": found.same_plan,
-            "messages_compared": found.compared,
-            "differing_steps": found.differing_steps,
-            "first": None if found.first is None else found.first._asdict(),
-            "parameters": found.parameters,
-            "provenance": found.provenance,
-            "record": found.record,
+            "identical": difference.identical,
+            "same_plan": difference.same_plan,
+            "messages_compared": difference.compared,
+            "differing_steps": difference.differing_steps,
+            "first": None if difference.first is None else difference.first._asdict(),
+            "parameters": difference.parameters,
+            "provenance": difference.provenance,
+            "record": difference.record,
         }
         write_json("diff-1", values)
-        ctx.exit(0 if found.identical else 1)
-    if found.first is None:
-        click.echo(f"identical: {found.compared} messages, bit for bit")
+        ctx.exit(0 if difference.identical else 1)
+    if difference.first is None:
+        click.echo(f"identical: {difference.compared} messages, bit for bit")
     else:
-        click.echo(f"different at {found.differing_steps} steps; first at {found.describe()}")
+        click.echo(
+            f"different at {difference.differing_steps} steps; first at {difference.describe()}"
+        )
     for title, lines in (
-        ("parameters", found.parameters),
-        ("provenance", found.provenance),
-        ("record", found.record),
+        ("parameters", difference.parameters),
+        ("provenance", difference.provenance),
+        ("record", difference.record),
     ):
         for line in lines:
             click.echo(f"  {title}: {line}")
-    ctx.exit(0 if found.identical else 1)
+    ctx.exit(0 if difference.identical else 1)
 
 
 def _is_sweep(path: Path) -> bool:
@@ -69,20 +71,20 @@ def _diff_studies(ctx: click.Context, a: Path, b: Path, as_json: bool) -> NoRetu
     from ..study.diff import diff_studies
     from ..study.results import Results
 
-    found = diff_studies(Results.read(a), Results.read(b))
+    difference = diff_studies(Results.read(a), Results.read(b))
     if as_json:
         values = {
             "studies": [a, b],
-            "identical": found.identical,
-            "runs_compared": found.compared,
-            "differing_runs": found.differing,
-            "first": None if found.first is None else found.first._asdict(),
-            "furthest_ulps": found.furthest,
-            "metadata": found.metadata,
+            "identical": difference.identical,
+            "runs_compared": difference.compared,
+            "differing_runs": difference.differing,
+            "first": None if difference.first is None else difference.first._asdict(),
+            "furthest_ulps": difference.furthest,
+            "metadata": difference.metadata,
         }
         write_json("diff-study-1", values)
     else:
-        click.echo(found.describe())
-        for line in found.metadata:
+        click.echo(difference.describe())
+        for line in difference.metadata:
             click.echo(f"  {line}")
-    ctx.exit(0 if found.identical else 1)
+    ctx.exit(0 if difference.identical else 1)

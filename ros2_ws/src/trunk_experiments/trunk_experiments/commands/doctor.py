@@ -17,9 +17,9 @@ from ..replay.doctor import ERROR, INFO, WARNING, Finding, findings
 FINE, FINDINGS = 0, 1
 
 
-def exit_code(found: list[Finding]) -> int:
+def exit_code(problems: list[Finding]) -> int:
     """Return 0 if there is nothing but information, 1 otherwise."""
-    return FINDINGS if any(f.severity in (ERROR, WARNING) for f in found) else FINE
+    return FINDINGS if any(f.severity in (ERROR, WARNING) for f in problems) else FINE
 
 
 @click.command("doctor")
@@ -33,15 +33,19 @@ def command(context: click.Context, run: Path, as_json: bool) -> None:
     """
     with reading(run, "examining") as tell:
         recorded = RecordedRun(Recording.open(run, tell))
-        found = findings(recorded)
-    code = exit_code(found)
+        problems = findings(recorded)
+    code = exit_code(problems)
     if as_json:
-        shown = [asdict(finding) for finding in found]
+        shown = [asdict(finding) for finding in problems]
         write_json("doctor-1", {**run_values(recorded), "fine": code == FINE, "findings": shown})
     else:
-        for finding in found:
+        for finding in problems:
             click.echo(f"{finding.severity:7}  {finding.describe()}")
-        counts = {s: sum(f.severity == s for f in found) for s in (ERROR, WARNING, INFO)}
-        told = ", ".join(f"{n} {s}{'s' * (n != 1 and s != INFO)}" for s, n in counts.items() if n)
-        click.echo(f"{run}: {'fine' if code == FINE else 'findings'}{f' ({told})' if told else ''}")
+        counts = {s: sum(f.severity == s for f in problems) for s in (ERROR, WARNING, INFO)}
+        counted = ", ".join(
+            f"{n} {s}{'s' * (n != 1 and s != INFO)}" for s, n in counts.items() if n
+        )
+        click.echo(
+            f"{run}: {'fine' if code == FINE else 'findings'}{f' ({counted})' if counted else ''}"
+        )
     context.exit(code)

@@ -11,10 +11,11 @@ import click
 from trunk_control.law import OUTCOME
 from trunk_sim.disturbances import Disturbance
 
-from ..console.common import Number
 from ..console.document import json_option, write_json
-from ..console.reading import open_run, run_values, show_damage, show_warnings
+from ..console.options import Number
+from ..console.reading import open_run, run_values, show_damage
 from ..console.tables import print_table
+from ..console.terminal import show_warnings
 from ..replay.doubts import refused
 from ..replay.explain import Explanation, explain
 from ..replay.external import ExternalCommand, external_command
@@ -47,16 +48,16 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
         else:
             _show_external(known)
         return
-    found = explain(recorded, at)
+    explanation = explain(recorded, at)
     if as_json:
-        write_json("explain-1", {**run_values(recorded), **as_values(found)})
+        write_json("explain-1", {**run_values(recorded), **as_values(explanation)})
     else:
-        _show(found)
-    ctx.exit(0 if found.agrees or found.rounded_otherwise else 1)
+        _show(explanation)
+    ctx.exit(0 if explanation.agrees or explanation.rounded_otherwise else 1)
 
 
 def _external_values(known: ExternalCommand) -> dict[str, Any]:
-    """Return what is known of somebody else's command as plain values."""
+    """Return the facts about somebody else's command as plain values."""
     return {
         "asked_s": known.asked,
         "controller": known.controller,
@@ -114,54 +115,58 @@ def _disturbance_rows(acting: Disturbance) -> list[tuple[str, str, str]]:
     return rows or [("disturbance", "none", "")]
 
 
-def as_values(found: Explanation) -> dict[str, Any]:
+def as_values(explanation: Explanation) -> dict[str, Any]:
     """Return an explanation as plain values; None for an infinite limit."""
     return {
-        "asked_s": found.asked,
-        "update_s": found.update,
-        "controller": found.controller,
-        "reference": found.reference,
-        "measurement": found.measurement,
-        "rate": found.rate,
-        "true_angle": found.true_angle,
-        "derivative_mode": found.derivative_mode,
-        "disturbance": found.disturbance._asdict(),
-        "rules": [rule._asdict() for rule in found.rules],
-        "terms": found.terms._asdict(),
-        "units": dict(found.units),
-        "by_model": found.by_model,
-        "limits": [bound if isfinite(bound) else None for bound in found.limits],
-        "limited": found.limited,
-        "handing_over": found.handing_over,
+        "asked_s": explanation.asked,
+        "update_s": explanation.update,
+        "controller": explanation.controller,
+        "reference": explanation.reference,
+        "measurement": explanation.measurement,
+        "rate": explanation.rate,
+        "true_angle": explanation.true_angle,
+        "derivative_mode": explanation.derivative_mode,
+        "disturbance": explanation.disturbance._asdict(),
+        "rules": [rule._asdict() for rule in explanation.rules],
+        "terms": explanation.terms._asdict(),
+        "units": dict(explanation.units),
+        "by_model": explanation.by_model,
+        "limits": [bound if isfinite(bound) else None for bound in explanation.limits],
+        "limited": explanation.limited,
+        "handing_over": explanation.handing_over,
         "anti_windup": (
             None
-            if found.windup is None
-            else {**found.windup._asdict(), "acted": found.windup.acted}
+            if explanation.windup is None
+            else {**explanation.windup._asdict(), "acted": explanation.windup.acted}
         ),
-        "took_over": found.took_over,
-        "recorded": found.recorded,
-        "agrees": found.agrees,
-        "arithmetic": found.arithmetic or None,
-        "rounded_otherwise": found.rounded_otherwise,
-        "applied": found.applied,
+        "took_over": explanation.took_over,
+        "recorded": explanation.recorded,
+        "agrees": explanation.agrees,
+        "arithmetic": explanation.arithmetic or None,
+        "rounded_otherwise": explanation.rounded_otherwise,
+        "applied": explanation.applied,
     }
 
 
-def _shares(found: Explanation) -> list[tuple[str, str, str]]:
+def _shares(explanation: Explanation) -> list[tuple[str, str, str]]:
     """Return the rows of the terms that a law of the PID's kind adds up."""
-    terms = found.terms
+    terms = explanation.terms
     return [
         ("P: Kp e", f"{terms.p_term:.6g}", "N m"),
         ("I: Ki times the integral", f"{terms.i_term:.6g}", "N m"),
         ("D: Kd times the derivative", f"{terms.d_term:.6g}", "N m"),
-        *([("from the model", f"{found.by_model:.6g}", "N m")] if found.by_model else []),
+        *(
+            [("from the model", f"{explanation.by_model:.6g}", "N m")]
+            if explanation.by_model
+            else []
+        ),
         ("their sum", f"{terms.unsaturated:.6g}", "N m"),
     ]
 
 
-def _gains(found: Explanation) -> list[tuple[str, str, str]]:
+def _gains(explanation: Explanation) -> list[tuple[str, str, str]]:
     """Return the rows of its gains."""
-    terms = found.terms
+    terms = explanation.terms
     return [
         ("Kp", f"{terms.kp:.6g}", "N m/rad"),
         ("Ki", f"{terms.ki:.6g}", "N m/(rad s)"),
@@ -170,44 +175,48 @@ def _gains(found: Explanation) -> list[tuple[str, str, str]]:
     ]
 
 
-def _own_terms(found: Explanation) -> list[tuple[str, str, str]]:
+def _own_terms(explanation: Explanation) -> list[tuple[str, str, str]]:
     """Return the rows of another law's terms, as it names them."""
-    named = [name for name in found.terms._fields if name not in OUTCOME]
+    named = [name for name in explanation.terms._fields if name not in OUTCOME]
     rows = [
-        (name.replace("_", " "), f"{getattr(found.terms, name):.6g}", found.units.get(name, ""))
+        (
+            name.replace("_", " "),
+            f"{getattr(explanation.terms, name):.6g}",
+            explanation.units.get(name, ""),
+        )
         for name in named
     ]
-    return [*rows, ("command before the limits", f"{found.terms.unsaturated:.6g}", "N m")]
+    return [*rows, ("command before the limits", f"{explanation.terms.unsaturated:.6g}", "N m")]
 
 
-def _show(found: Explanation) -> None:
-    terms, windup = found.terms, found.windup
+def _show(explanation: Explanation) -> None:
+    terms, windup = explanation.terms, explanation.windup
     click.echo(
-        f"t = {found.asked:g} s: {found.controller} holds {terms.effort:.6g} N m, "
-        f"computed at t = {found.update:g} s"
+        f"t = {explanation.asked:g} s: {explanation.controller} holds {terms.effort:.6g} N m, "
+        f"computed at t = {explanation.update:g} s"
     )
     rows = [
-        ("reference", f"{degrees(found.reference):.6g}", "deg"),
-        ("measured angle", f"{degrees(found.measurement):.6g}", "deg"),
+        ("reference", f"{degrees(explanation.reference):.6g}", "deg"),
+        ("measured angle", f"{degrees(explanation.measurement):.6g}", "deg"),
         (
             ("true angle", "not known: another robot", "")
-            if found.true_angle is None
-            else ("true angle", f"{degrees(found.true_angle):.6g}", "deg")
+            if explanation.true_angle is None
+            else ("true angle", f"{degrees(explanation.true_angle):.6g}", "deg")
         ),
-        ("error e", f"{degrees(found.error):.6g}", "deg"),
+        ("error e", f"{degrees(explanation.error):.6g}", "deg"),
         (
-            ("measured rate", f"{found.rate:.6g}", "rad/s")
+            ("measured rate", f"{explanation.rate:.6g}", "rad/s")
             if windup is None
             else (
-                f"its derivative (mode {found.derivative_mode})",
+                f"its derivative (mode {explanation.derivative_mode})",
                 f"{terms.error_rate:.6g}",
                 "rad/s",
             )
         ),
     ]
-    rows += _disturbance_rows(found.disturbance)
+    rows += _disturbance_rows(explanation.disturbance)
     print_table("inputs", ("quantity", "value", "unit"), rows)
-    if found.rules:
+    if explanation.rules:
         print_table(
             "rules that fired",
             ("if e is", "and e_dot is", "weight", "Kp'", "Kd'", "alpha"),
@@ -220,34 +229,39 @@ def _show(found: Explanation) -> None:
                     f"{rule.kd_label} = {rule.kd:.6g}",
                     f"{rule.alpha_label} = {rule.alpha:.6g}",
                 )
-                for rule in found.rules
+                for rule in explanation.rules
                 if rule.weight > 0.0
             ],
         )
-    low, high = found.limits
+    low, high = explanation.limits
     free = not (isfinite(low) or isfinite(high))
     print_table(
         "outputs",
         ("quantity", "value", "unit"),
         [
-            *(_own_terms(found) if windup is None else _shares(found)),
+            *(_own_terms(explanation) if windup is None else _shares(explanation)),
             (
-                "limits of the handover" if found.handing_over else "limits",
+                "limits of the handover" if explanation.handing_over else "limits",
                 "none" if free else f"{low:g} … {high:g}",
                 "" if free else "N m",
             ),
-            ("command" + (", limited" if found.limited else ""), f"{terms.effort:.6g}", "N m"),
+            (
+                "command" + (", limited" if explanation.limited else ""),
+                f"{terms.effort:.6g}",
+                "N m",
+            ),
             (
                 ("torque applied to the robot", "not known", "")
-                if found.applied is None
-                else ("torque applied to the plant", f"{found.applied:.6g}", "N m")
+                if explanation.applied is None
+                else ("torque applied to the plant", f"{explanation.applied:.6g}", "N m")
             ),
-            *([] if windup is None else _gains(found)),
+            *([] if windup is None else _gains(explanation)),
         ],
     )
-    if found.took_over:
+    if explanation.took_over:
         click.echo(
-            f"{found.controller} took over here: it continued from the torque that acted, without a jump"
+            f"{explanation.controller} took over here: it continued from the torque that acted, "
+            "without a jump"
         )
     if windup is not None:
         acted = "acted" if windup.acted else "did not act"
@@ -257,7 +271,7 @@ def _show(found: Explanation) -> None:
         )
     click.echo(
         "recomputed: equal to the recorded command, bit for bit"
-        if found.agrees
-        else f"recomputed: {terms.effort!r}, but {found.recorded!r} N m is recorded"
-        + (", in another arithmetic" if found.rounded_otherwise else "")
+        if explanation.agrees
+        else f"recomputed: {terms.effort!r}, but {explanation.recorded!r} N m is recorded"
+        + (", in another arithmetic" if explanation.rounded_otherwise else "")
     )

@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from ..analysis.run_table import RunTable
-from ..console.common import Number
 from ..console.document import json_option, write_json
+from ..console.options import Number
 from ..console.outputs import check_output
 from ..console.reading import open_run, run_values, show_damage
 from ..views.extract import window, write_mcap, write_npz, write_parquet
@@ -33,7 +33,9 @@ _FILE = click.Path(path_type=Path)
     help="For --mcap: only this topic; repeatable.",
 )
 @json_option("export-1")
+@click.pass_context
 def command(
+    ctx: click.Context,
     run: Path,
     csv: Path | None,
     parquet: Path | None,
@@ -50,11 +52,11 @@ def command(
     Times are simulated seconds, by the messages' stamps; both ends are included.
     """
     if not (csv or parquet or npz or mcap):
-        raise click.UsageError("give at least one of --csv, --parquet, --npz, --mcap")
+        ctx.fail("give at least one of --csv, --parquet, --npz, --mcap")
     if topics and not mcap:
-        raise click.UsageError("--topics is for --mcap only; tables have fixed columns")
+        ctx.fail("--topics is for --mcap only; tables have fixed columns")
     if not start <= end:
-        raise click.UsageError(f"--from {start:g} must not be after --to {end:g}")
+        ctx.fail(f"--from {start:g} must not be after --to {end:g}")
     for output, suffix in ((csv, "csv"), (parquet, "parquet"), (npz, "npz"), (mcap, "mcap")):
         if output is not None:
             check_output(output, (f".{suffix}",), force, [run], f"--{suffix}")
@@ -77,6 +79,6 @@ def command(
     if as_json:
         write_json("export-1", {**run_values(recorded), "outputs": written})
         return
-    for one in written:
-        what = "messages" if one["rows"] is None else "rows"
-        click.echo(f"{one['file']}: {one[what]} {what}")
+    for entry in written:
+        kind = "messages" if entry["rows"] is None else "rows"
+        click.echo(f"{entry['file']}: {entry[kind]} {kind}")

@@ -9,8 +9,8 @@ import click
 from trunk_msgs_util.mechanics import MOST_HARMONICS
 from trunk_msgs_util.parameters.files import write
 
-from ..console.common import FiniteRange
 from ..console.document import json_option, write_json
+from ..console.options import FiniteRange
 from ..console.outputs import check_output, output_options
 from ..console.tables import print_table
 from ..console.verbs import Verbs
@@ -58,20 +58,18 @@ def path_command(
     if output is not None:
         check_output(output, (".yaml", ".yml"), force, [points])
     x, y = read_points(points)
-    found = fit_path(x, y, harmonics, period)
+    fit = fit_path(x, y, harmonics, period)
     if output is not None:
-        write(output, found.parameters)
+        write(output, fit.parameters)
     if as_json:
-        told = {"output": output, "points": len(x), "parameters": found.parameters["simulator"]}
-        write_json("fit-path-1", {**told, "rms_m": found.rms, "largest_m": found.largest})
+        document = {"output": output, "points": len(x), "parameters": fit.parameters["simulator"]}
+        write_json("fit-path-1", {**document, "rms_m": fit.rms, "largest_m": fit.largest})
         return
     rows = [
         (str(n), f"{a:.6g}", f"{b:.6g}")
-        for n, (a, b) in enumerate(zip(found.cosines, found.sines, strict=True), 1)
+        for n, (a, b) in enumerate(zip(fit.cosines, fit.sines, strict=True), 1)
     ]
-    print_table(f"path, k = {found.wavenumber:.6g} rad/m", ("n", "cosine (m)", "sine (m)"), rows)
-    click.echo(
-        f"{len(x)} points: {found.rms:.3g} m from the path (RMS), {found.largest:.3g} m at most"
-    )
+    print_table(f"path, k = {fit.wavenumber:.6g} rad/m", ("n", "cosine (m)", "sine (m)"), rows)
+    click.echo(f"{len(x)} points: {fit.rms:.3g} m from the path (RMS), {fit.largest:.3g} m at most")
     if output is not None:
         click.echo(f"{output}: for --params, or ros2 run … --ros-args --params-file")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,9 @@ from trunk_msgs_util.recording.reader import Recording, Topic
 from trunk_msgs_util.units import seconds
 
 from ..console.document import json_option, write_json
-from ..console.reading import reading, run_values, show_warnings
+from ..console.reading import reading, run_values
+from ..console.tables import aligned
+from ..console.terminal import show_warnings
 from ..recorded.run import RecordedRun
 from ..replay.doubts import doubts_of
 
@@ -51,9 +52,9 @@ def summary(run: RecordedRun) -> dict[str, Any]:
 
 
 def links(recording: Recording) -> dict[str, str]:
-    """Return what became of the messages on a run's links, as counted at its end; empty without links."""
-    told = (event for event in recording.events() if event.message == Event.PASSED_ON)
-    return next((dict(event.values) for event in told), {})
+    """Return the counts of messages on a run's links at its end; empty without links."""
+    counts = (event for event in recording.events() if event.message == Event.PASSED_ON)
+    return next((dict(event.values) for event in counts), {})
 
 
 def _topic(topic: Topic, gap_ns: int, checked: bool) -> dict[str, Any]:
@@ -92,18 +93,6 @@ def _size(size: float | None) -> str:
     return f"{size:.0f} B" if unit == 0 else f"{size:.3g} {_UNITS[unit]}"
 
 
-def _lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return aligned lines: two columns of text, then numbers; wide names never fold."""
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    return [
-        "  ".join(
-            cell.ljust(width) if i < 2 else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in (header, *rows)
-    ]
-
-
 def _pairs(values: dict[str, str]) -> list[str]:
     """Return names and values as lines of no more than 80 columns, where words allow it."""
     width = max(map(len, values), default=0) + 2
@@ -120,10 +109,10 @@ def _pairs(values: dict[str, str]) -> list[str]:
     ]
 
 
-def _state(found: dict[str, Any]) -> str:
-    """Return in what sense a recording is complete."""
-    if found["checked"]:
-        return f"complete ({found['end']['reason']})"
+def _state(content: dict[str, Any]) -> str:
+    """Return a word on a recording's completeness, and its source."""
+    if content["checked"]:
+        return f"complete ({content['end']['reason']})"
     return "complete by its index; trunk doctor checks the content"
 
 
@@ -139,23 +128,23 @@ def command(run: Path, as_json: bool) -> None:
         recording = Recording.open_by_summary(run, tell)
     recorded = RecordedRun(recording)
     doubts = doubts_of(recorded, twin=False, whole=recording.checked)
-    found = summary(recorded)
+    content = summary(recorded)
     if as_json:
-        write_json("info-1", {**run_values(recorded, doubts), **found})
+        write_json("info-1", {**run_values(recorded, doubts), **content})
         return
     for line in doubts.lines:
         click.echo(line)
     show_warnings(recording.further_warnings)
-    files = f" in {len(found['files'])} files" if len(found["files"]) > 1 else ""
-    click.echo(f"{run}: {_state(found)}" if recording.complete else f"{run}")
+    files = f" in {len(content['files'])} files" if len(content["files"]) > 1 else ""
+    click.echo(f"{run}: {_state(content)}" if recording.complete else f"{run}")
     overview = {
-        "size": _size(found["bytes"]) + files,
-        "duration": "?" if found["duration_s"] is None else f"{found['duration_s']:.10g} s",
-        "scenario": found["scenario"] or "?",
-        "controller": ", ".join(found["controllers"]) or "none",
-        "parameters of": ", ".join(found["nodes"]) or "no node",
-        "recorded by": found["recorded_by"] or "?",
-        **found["links"],
+        "size": _size(content["bytes"]) + files,
+        "duration": "?" if content["duration_s"] is None else f"{content['duration_s']:.10g} s",
+        "scenario": content["scenario"] or "?",
+        "controller": ", ".join(content["controllers"]) or "none",
+        "parameters of": ", ".join(content["nodes"]) or "no node",
+        "recorded by": content["recorded_by"] or "?",
+        **content["links"],
     }
     click.echo("\n".join(["", *_pairs(overview), ""]))
     rows = [
@@ -167,8 +156,8 @@ def command(run: Path, as_json: bool) -> None:
             "" if t["longest_gap_s"] is None else f"{1e3 * t['longest_gap_s']:.4g}",
             _size(t["bytes"]),
         )
-        for name, t in found["topics"].items()
+        for name, t in content["topics"].items()
     ]
     header = ("topic", "type", "messages", "rate, Hz", "gap, ms", "size")
-    click.echo("\n".join([*_lines(header, rows), ""]))
-    click.echo("\n".join(_pairs(found["provenance"]) or ["no provenance"]))
+    click.echo("\n".join([*aligned([header, *rows], texts=2), ""]))
+    click.echo("\n".join(_pairs(content["provenance"]) or ["no provenance"]))

@@ -11,13 +11,13 @@ import click
 from trunk_msgs_util.parameters.declarations import UnitError, declarations, values_of
 from trunk_msgs_util.parameters.to_si import number_in, units_of
 
-from ..console.complete import names_or_files, studies
-from ..console.controller_name import ControllerName
 from ..console.document import json_option, write_json
+from ..console.options import names_or_files, studies
 from ..console.outputs import check_output, output_options
+from ..console.plan_options import ControllerName
 from ..console.progress import progress_bar
-from ..console.reading import show_warnings
 from ..console.tables import print_table
+from ..console.terminal import show_warnings
 from ..errors import PlanError
 from ..plans.plan import RunPlan, make_plan
 

@@ -11,7 +11,7 @@ import click
 from ..analysis.metrics import missing
 from ..console.document import json_option, schemas, write_json
 from ..console.reading import open_run
-from ..console.tables import print_table
+from ..console.tables import aligned, print_table
 from ..console.verbs import Verbs
 from ..errors import PlanError
 
@@ -72,11 +72,11 @@ def recordings_in(folder: Path) -> list[Path]:
     """Return the recordings below a folder; a run's folder is one. Raises PlanError without a folder."""
     if not folder.is_dir():
         raise PlanError(f"{folder}: there is no such folder: give one with recordings")
-    found: dict[Path, None] = {}
+    paths: dict[Path, None] = {}
     for path in sorted(folder.rglob("*.mcap")):
         bag = path.parent
-        found[bag if bag != folder and (bag / "metadata.yaml").is_file() else path] = None
-    return list(found)
+        paths[bag if bag != folder and (bag / "metadata.yaml").is_file() else path] = None
+    return list(paths)
 
 
 def listed(path: Path, judge: bool = False) -> ListedRun:
@@ -92,8 +92,8 @@ def listed(path: Path, judge: bool = False) -> ListedRun:
 
     try:
         run = open_run(path)
-        told = run.recording.provenance
-        found = doubts_of(run, twin=False)
+        provenance = run.recording.provenance
+        doubts = doubts_of(run, twin=False)
     except (TrunkError, OSError) as error:
         return ListedRun(path, "", "", (), "", "", None, {}, str(error))
     try:
@@ -102,12 +102,12 @@ def listed(path: Path, judge: bool = False) -> ListedRun:
         values = {}
     return ListedRun(
         path,
-        told.get("started_utc", ""),
-        told.get("scenario", ""),
+        provenance.get("started_utc", ""),
+        provenance.get("scenario", ""),
         tuple(run.acting),
         run.mode,
         _verdict(path) if judge else UNJUDGED,
-        found,
+        doubts,
         {name: values[name] for name in _SHOWN if name in values},
     )
 
@@ -136,21 +136,21 @@ def runs(ctx: click.Context, folder: Path, judge: bool, as_json: bool) -> None:
     FELL, LATE or INCOMPLETE before a run's numbers says why it is doubtful. The verdict is "unjudged"
     without --verify; with it, the exit code is 1 if a run diverges.
     """
-    found = [listed(path, judge) for path in recordings_in(folder)]
-    found.sort(key=lambda one: one.started, reverse=True)
+    entries = [listed(path, judge) for path in recordings_in(folder)]
+    entries.sort(key=lambda entry: entry.started, reverse=True)
     if as_json:
-        write_json("list-runs-1", {"runs": [one.as_values() for one in found]})
+        write_json("list-runs-1", {"runs": [entry.as_values() for entry in entries]})
     else:
-        for one in found:
-            if one.error:
-                named = one.error.startswith(str(one.path))
-                click.echo(one.error if named else f"{one.path}: {one.error}", err=True)
-        _show(folder, [one for one in found if not one.error])
-    ctx.exit(int(any(one.verdict in _REFUTED for one in found)))
+        for entry in entries:
+            if entry.error:
+                named = entry.error.startswith(str(entry.path))
+                click.echo(entry.error if named else f"{entry.path}: {entry.error}", err=True)
+        _show(folder, [entry for entry in entries if not entry.error])
+    ctx.exit(int(any(entry.verdict in _REFUTED for entry in entries)))
 
 
-def _show(folder: Path, found: Sequence[ListedRun]) -> None:
-    if not found:
+def _show(folder: Path, entries: Sequence[ListedRun]) -> None:
+    if not entries:
         click.echo(f"{folder}: no recordings")
         return
     print_table(
@@ -158,15 +158,15 @@ def _show(folder: Path, found: Sequence[ListedRun]) -> None:
         ("run", "scenario", "controller", "mode", "verdict", "doubts", *_SHOWN.values()),
         [
             (
-                str(one.path.relative_to(folder) if one.path != folder else one.path),
-                one.scenario,
-                ", ".join(one.controllers),
-                one.mode,
-                one.verdict,
-                ", ".join(one.words),
-                *(_metric(one, name) for name in _SHOWN),
+                str(entry.path.relative_to(folder) if entry.path != folder else entry.path),
+                entry.scenario,
+                ", ".join(entry.controllers),
+                entry.mode,
+                entry.verdict,
+                ", ".join(entry.words),
+                *(_metric(entry, name) for name in _SHOWN),
             )
-            for one in found
+            for entry in entries
         ],
         texts=6,
     )
@@ -223,30 +223,24 @@ def controllers(as_json: bool) -> None:
     from ..plans.nodes import CONTROLLERS, NODES
 
     if as_json:
-        found = {
+        entries = {
             name: {
                 "label": law_named(name).label,
                 "command": ["ros2", "run", NODES[name].package, name],
             }
             for name in CONTROLLERS
         }
-        write_json("list-controllers-1", {"controllers": found})
+        write_json("list-controllers-1", {"controllers": entries})
         return
-    _show_pairs(
-        {
-            name: f"{law_named(name).label}: ros2 run {NODES[name].package} {name}"
-            for name in CONTROLLERS
-        }
-    )
+    rows = [
+        (name, f"{law_named(name).label}: ros2 run {NODES[name].package} {name}")
+        for name in CONTROLLERS
+    ]
+    click.echo("\n".join(aligned(rows)))
 
 
-def _files(found: Mapping[str, Path], as_json: bool) -> None:
+def _files(paths: Mapping[str, Path], as_json: bool) -> None:
     if as_json:
-        write_json("list-files-1", {"files": found})
+        write_json("list-files-1", {"files": paths})
     else:
-        _show_pairs({name: str(path) for name, path in found.items()})
-
-
-def _show_pairs(values: dict[str, str]) -> None:
-    width = max(map(len, values))
-    click.echo("\n".join(f"{name:{width}}  {text}" for name, text in values.items()))
+        click.echo("\n".join(aligned([(name, str(path)) for name, path in paths.items()])))

@@ -15,10 +15,10 @@ from click.core import ParameterSource
 from trunk_msgs_util.node import middleware
 
 from ..console.document import json_option
-from ..console.mistakes import tell
 from ..console.outputs import check_not_read, output_options
 from ..console.page import checked_host, page_options, serve, serving_foxglove, show_address
 from ..console.plan_options import external_option, files_read, plan_of, plan_options
+from ..console.terminal import report_error
 from ..errors import GatewayError, PlanError
 from ..gateway.process import GatewayProcess
 from ..plans.given import checked_namespace
@@ -128,7 +128,7 @@ def command(
                 heard.extend(gateway.turn() if shown_page else ())
             except (GatewayError, OSError) as error:  # the run does not depend on it
                 shown_page = False
-                tell(error)
+                report_error(error)
             return "stop" in heard
 
         recording = run_graph(plan, files, lambda t: None, over=over, note=click.echo)

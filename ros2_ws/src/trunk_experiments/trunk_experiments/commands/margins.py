@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..console.common import FiniteRange
-from ..console.controller_name import ControllerName
 from ..console.document import json_option, write_json
+from ..console.options import FiniteRange
 from ..console.outputs import check_output, output_options
-from ..console.reading import show_warnings
+from ..console.plan_options import ControllerName
 from ..console.tables import print_table
+from ..console.terminal import show_warnings
 from ..errors import PlanError
 from ..plans.plan import RunPlan, make_plan
 

@@ -12,8 +12,9 @@ from trunk_msgs_util.recording.topic import RecordingError
 from ..analysis.metrics import QUANTITIES, has_level, missing
 from ..analysis.recorded_metrics import recorded_metrics, table_and_metrics
 from ..console.document import json_option, write_json
-from ..console.reading import Values, open_run, run_values, show_warnings
+from ..console.reading import Values, open_run, run_values
 from ..console.tables import print_table
+from ..console.terminal import show_warnings
 from ..recorded.run import RecordedRun
 from ..replay.doubts import doubts_of
 
@@ -22,14 +23,14 @@ def show_metrics(run: RecordedRun, title: str) -> None:
     """Print a run's metrics as a table; warnings, and what makes them doubtful, first."""
     doubts = doubts_of(run)
     try:
-        table, found = table_and_metrics(run)
+        table, measured = table_and_metrics(run)
     except RecordingError:
         show_warnings(doubts.lines)  # a likely cause
         raise
     for line in doubts.lines:
         click.echo(line)
     show_warnings(run.recording.further_warnings)
-    values = found.as_dict()
+    values = measured.as_dict()
     level = has_level(table)
     print_table(
         f"{title}, INCOMPLETE" if doubts.incomplete else title,
@@ -42,7 +43,7 @@ def show_metrics(run: RecordedRun, title: str) -> None:
 
 
 def metrics_values(run: RecordedRun) -> Values:
-    """Return what a document says of a run and its metrics, with the twin in lock-step."""
+    """Return a document's values of a run and its metrics, with the twin in lock-step."""
     return {**run_values(run, doubts_of(run)), "metrics": recorded_metrics(run).as_dict()}
 
 

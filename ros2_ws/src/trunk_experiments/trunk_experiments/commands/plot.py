@@ -8,7 +8,8 @@ import click
 
 from ..console.document import json_option, write_json
 from ..console.outputs import check_output, default_name, output_options
-from ..console.reading import open_views, run_values, show_warnings, show_warnings_of
+from ..console.reading import open_views, run_values, show_warnings_of
+from ..console.terminal import show_warnings
 
 
 @click.command("plot")
@@ -35,15 +36,17 @@ def command(
     target = check_output(output or default, tuple(SUFFIXES), force, runs, chooses_format=True)
     views = open_views(runs)
     doubts = [doubts_of(view.run, twin=False) for view in views]
-    for view, found in zip(views, doubts, strict=True):
-        show_warnings(f"{view.path}: {line}" for line in found.lines)
+    for view, run_doubts in zip(views, doubts, strict=True):
+        show_warnings(f"{view.path}: {line}" for line in run_doubts.lines)
         scenario = view.recording.provenance.get("scenario")
         if number and scenario != f"fig{number}":
             show_warnings([f"{view.path}: its scenario is {scenario!r}, not 'fig{number}'"])
     show_warnings_of(views)
     save(paper_figure(views, number) if number else overview(views), target)
     if as_json:
-        told = [run_values(view.run, one) for view, one in zip(views, doubts, strict=True)]
-        write_json("plot-1", {"output": target, "runs": told})
+        documents = [
+            run_values(view.run, run_doubts) for view, run_doubts in zip(views, doubts, strict=True)
+        ]
+        write_json("plot-1", {"output": target, "runs": documents})
         return
     click.echo(f"{target}: {len(views)} run{'s' if len(views) > 1 else ''}")

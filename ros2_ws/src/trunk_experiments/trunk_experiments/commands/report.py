@@ -28,7 +28,7 @@ def command(runs: tuple[Path, ...], output: Path | None, force: bool, as_json: b
     show_warnings_of(views)
     size = write(make_report(views), target)
     if as_json:
-        told = [run_values(view.run) for view in views]
-        write_json("report-1", {"output": target, "bytes": size, "runs": told})
+        documents = [run_values(view.run) for view in views]
+        write_json("report-1", {"output": target, "bytes": size, "runs": documents})
         return
     click.echo(f"{target}: {len(views)} run{'s' if len(views) > 1 else ''}, {size / 1e6:.1f} MB")

@@ -13,7 +13,6 @@ from trunk_msgs_util.recording.topic import RecordingError
 
 from ..analysis.recorded_metrics import recorded_metrics
 from ..console.document import json_option, write_json
-from ..console.mistakes import line_of, tell
 from ..console.outputs import check_not_read, output_options
 from ..console.plan_options import (
     external_option,
@@ -24,8 +23,8 @@ from ..console.plan_options import (
     plan_values,
 )
 from ..console.progress import progress_bar
-from ..console.reading import Values, run_values, show_warnings, written_values
-from ..console.terminal import console
+from ..console.reading import Values, run_values, written_values
+from ..console.terminal import console, line_of, report_error, show_warnings
 from ..errors import PlanError, RunError
 from ..recorded.run import RecordedRun
 from ..replay.doubts import doubts_of
@@ -100,7 +99,7 @@ def command(
     duration = plan.simulator.duration
     for line in connection_lines(plan) if plan.external is not None else ():
         screen.print(line, highlight=False, markup=False, soft_wrap=True)
-    told = {**plan_values(plan), "lockstep": lockstep, "parameters": files.parameters}
+    values = {**plan_values(plan), "lockstep": lockstep, "parameters": files.parameters}
     try:
         with progress_bar("running") as done:
             recording = run_graph(
@@ -114,33 +113,33 @@ def command(
         if not as_json:
             raise
         failed = {**written_values(files.recording), "commands": None, "metrics": None}
-        write_json("run-1", {**failed, **told, "failure": line_of(error)})
-        click.get_current_context().exit(tell(error))
+        write_json("run-1", {**failed, **values, "failure": line_of(error)})
+        click.get_current_context().exit(report_error(error))
     run = RecordedRun(recording)
     if as_json:
-        write_run(run, told)
+        write_run(run, values)
     else:
         show_run(files, run)
     if not recording.complete:
         click.get_current_context().exit(1)
 
 
-def write_run(run: RecordedRun, told: Values) -> None:
+def write_run(run: RecordedRun, values: Values) -> None:
     """Write a run's document. One without metrics is a failed run: ends with the error's exit code."""
     show_warnings(run.recording.further_warnings)
-    found: Values = {**run_values(run, doubts_of(run)), "metrics": None}
+    document: Values = {**run_values(run, doubts_of(run)), "metrics": None}
     error: RecordingError | None = None
     try:
-        found["metrics"] = recorded_metrics(run).as_dict()
+        document["metrics"] = recorded_metrics(run).as_dict()
     except RecordingError as without:
         error = without
     counts = {
         "states": run.count(topics.GROUND_TRUTH),
         "commands": run.count(topics.EFFORT_COMMAND),
     }
-    write_json("run-1", {**found, **counts, **told, "failure": error and line_of(error)})
+    write_json("run-1", {**document, **counts, **values, "failure": error and line_of(error)})
     if error:
-        click.get_current_context().exit(tell(error))
+        click.get_current_context().exit(report_error(error))
 
 
 def show_run(files: RunFiles, run: RecordedRun, interrupted: bool = False) -> None:

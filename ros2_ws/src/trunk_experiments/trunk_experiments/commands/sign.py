@@ -27,10 +27,11 @@ from trunk_msgs_util.recording.signing.signature import (
     to_text,
 )
 
-from ..console.common import file_option
 from ..console.document import json_option, write_json
+from ..console.options import file_option
 from ..console.outputs import check_output
 from ..console.reading import run_values
+from ..console.terminal import show_warnings
 from ..errors import NotSignedError, PlanError
 from ..recorded.run import RecordedRun
 from ..replay.verify import VERIFIED, Verdict, verify
@@ -54,7 +55,9 @@ from ..replay.verify import VERIFIED, Verdict, verify
     help="Make a key pair, FILE and FILE.pub, instead of signing.",
 )
 @json_option("sign-1", "sign-key-1")
+@click.pass_context
 def command(
+    ctx: click.Context,
     run: Path | None,
     key: Path | None,
     output: Path | None,
@@ -70,11 +73,11 @@ def command(
     """
     if new_key is not None:
         if run or key or output or force or unverified:
-            raise click.UsageError("--new-key FILE makes a key and takes nothing else")
+            ctx.fail("--new-key FILE makes a key and takes nothing else")
         _make_key(new_key, as_json)
         return
     if run is None or key is None:
-        raise click.UsageError("give RUN and --key FILE, or --new-key FILE to make a key")
+        ctx.fail("give RUN and --key FILE, or --new-key FILE to make a key")
     target = output or signature_path(run)
     _check_target(target, force, run, key)
     signer = private_key(read_key(key), str(key), lambda: _passphrase(key))
@@ -84,22 +87,22 @@ def command(
     _check_verdict(run, verdict, unverified)
     signature = _write(target, recording, signer, force)
     if as_json:
-        told = {"signature": target, "fingerprint": signature.fingerprint}
+        values = {"signature": target, "fingerprint": signature.fingerprint}
         judged = run_values(RecordedRun(recording), judged=verdict.word)
-        write_json("sign-1", {**judged, **told, "reasons": verdict.reasons})
+        write_json("sign-1", {**judged, **values, "reasons": verdict.reasons})
     else:
         click.echo(f"{target}: signed by {signature.fingerprint}")
 
 
 def _make_key(path: Path, as_json: bool) -> None:
     public = write_new_key(path)
-    told = fingerprint(public_key(read_key(public), str(public)))
+    key_print = fingerprint(public_key(read_key(public), str(public)))
     if as_json:
-        made = {"private_key": path, "public_key": public, "fingerprint": told}
+        made = {"private_key": path, "public_key": public, "fingerprint": key_print}
         write_json("sign-key-1", made)
         return
     click.echo(f"{path}: private key, not encrypted; keep it secret (ssh-keygen -p -f encrypts it)")
-    click.echo(f"{public}: public key {told}, for those who verify")
+    click.echo(f"{public}: public key {key_print}, for those who verify")
 
 
 def _passphrase(key: Path) -> bytes:
@@ -108,8 +111,8 @@ def _passphrase(key: Path) -> bytes:
             f"{key} is encrypted, and there is no terminal to ask for its passphrase: "
             "sign in a terminal, or give a key that is not encrypted"
         )
-    told: str = click.prompt(f"passphrase of {key}", hide_input=True, err=True)
-    return told.encode()
+    passphrase: str = click.prompt(f"passphrase of {key}", hide_input=True, err=True)
+    return passphrase.encode()
 
 
 def _check_target(target: Path, force: bool, run: Path, key: Path) -> None:
@@ -155,7 +158,7 @@ def _check_verdict(run: Path, verdict: Verdict, unverified: bool) -> None:
     why = f"{run}: {verdict.word}: {'; '.join(verdict.reasons) or 'nothing was recomputed'}"
     if not unverified:
         raise NotSignedError(f"{why}: it is not signed; --unverified signs it anyway")
-    click.echo(f"trunk: warning: {why}: signed anyway", err=True)
+    show_warnings([f"{why}: signed anyway"])
 
 
 def _write(target: Path, recording: Recording, key: Ed25519PrivateKey, force: bool) -> Signature:

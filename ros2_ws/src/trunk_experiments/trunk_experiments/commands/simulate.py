@@ -15,9 +15,9 @@ from trunk_msgs_util.recording.topic import RecordingError
 from trunk_sim.simulation import DivergedError
 
 from ..console.document import json_option, write_json
-from ..console.mistakes import line_of, tell
 from ..console.outputs import check_output, output_options
 from ..console.plan_options import files_read, markers_option, plan_of, plan_options, plan_values
+from ..console.terminal import line_of, report_error
 from ..errors import PlanError
 
 if TYPE_CHECKING:
@@ -71,13 +71,13 @@ def command(
         raise RecordingError(f"{like}: it cannot be run again: {error}") from None
     if as_json:
         failure = None if diverged is None else line_of(diverged)
-        told = {**written_values(output), **plan_values(plan), "failure": failure}
-        write_json("simulate-1", told)
+        document = {**written_values(output), **plan_values(plan), "failure": failure}
+        write_json("simulate-1", document)
     elif diverged is None:
         show_written_doubts(output)
         click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")
     if diverged is not None:
-        click.get_current_context().exit(tell(diverged))
+        click.get_current_context().exit(report_error(diverged))
 
 
 def _check_alone(context: click.Context) -> None:

@@ -11,8 +11,8 @@ from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.signing.keys import public_key, read_key
 from trunk_msgs_util.units import seconds
 
-from ..console.common import file_option
 from ..console.document import json_option, write_json
+from ..console.options import file_option
 from ..console.progress import progress_bar
 from ..console.reading import reading, run_values
 from ..console.tables import print_table
@@ -112,8 +112,8 @@ def command(
     """
     recording, verdict = judged(run, key, signature)
     if as_json:
-        told = run_values(RecordedRun(recording), judged=verdict.word)
-        write_json("verify-1", {**told, **as_values(verdict)})
+        values = run_values(RecordedRun(recording), judged=verdict.word)
+        write_json("verify-1", {**values, **as_values(verdict)})
         ctx.exit(verdict.exit_code)
     for line in refused(RecordedRun(recording)):
         click.echo(line)
@@ -123,19 +123,19 @@ def command(
     for obstacle in verdict.obstacles:
         click.echo(f"  obstacle: {obstacle}")
     if verdict.judged:
-        what = "recomputed all the same" if verdict.obstacles else "judged"
-        click.echo(f"  {what}: {verdict.judged}")
+        word = "recomputed all the same" if verdict.obstacles else "judged"
+        click.echo(f"  {word}: {verdict.judged}")
     if verdict.checks:
         print_table("checks", ("check", "from", "to", "steps", "result"), map(_row, verdict.checks))
     for check in verdict.checks:
         for difference in check.first:
             click.echo(f"  {check.name}: first: {describe(difference)}")
-    for what in verdict.altered:
-        click.echo(f"  altered: {what}: not as the recorder wrote it, by its digest")
+    for part in verdict.altered:
+        click.echo(f"  altered: {part}: not as the recorder wrote it, by its digest")
     for contradiction in verdict.contradictions:
         click.echo(f"  contradiction: {contradiction}")
-    for what in verdict.unjudged:
-        click.echo(f"  not judged: {what}")
+    for part in verdict.unjudged:
+        click.echo(f"  not judged: {part}")
     for note in verdict.notes:
         click.echo(f"  note: {note}")
     ctx.exit(verdict.exit_code)

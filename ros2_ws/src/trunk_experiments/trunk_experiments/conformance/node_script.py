@@ -1,4 +1,4 @@
-"""What `trunk check node` plays at a controller's node: states and references, phase by phase. Pure."""
+"""What `trunk controller check-node` plays at a node: states and references, phase by phase. Pure."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _STDOUT = (Path("/dev/stdout"), Path("/dev/fd/1"))
 FORCE = "Replace the file if it exists."
 
 
-def output_options(what: str, required: bool = False, force: str = FORCE) -> Callable[[Any], Any]:
+def output_options(text: str, required: bool = False, force: str = FORCE) -> Callable[[Any], Any]:
     """Return a decorator that adds ``-o, --output FILE``, described as ``what``, and ``--force``."""
 
     def add(function: Any) -> Any:
@@ -31,7 +31,7 @@ def output_options(what: str, required: bool = False, force: str = FORCE) -> Cal
             "--output",
             type=click.Path(path_type=Path),
             required=required,
-            help=what,
+            help=text,
         )(function)
 
     return add
@@ -51,36 +51,36 @@ def check_output(
     ``inputs``: what the verb reads; names that are not files are ignored. /dev/stdout and the like are
     written to, except where the suffix ``chooses_format``. Raises PlanError.
     """
-    told = f"{option} {path}"
+    place = f"{option} {path}"
     if path.is_relative_to("/dev") and not chooses_format:
         if json_asked() and path in _STDOUT:
-            raise PlanError(f"{told}: with --json the document goes there: name a file")
+            raise PlanError(f"{place}: with --json the document goes there: name a file")
         return path
     if path.is_dir():
-        raise PlanError(f"{told}: it is a folder: name a file")
+        raise PlanError(f"{place}: it is a folder: name a file")
     if suffixes and path.suffix.lower() not in suffixes:
         allowed = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
-        raise PlanError(f"{told}: the file's name must end in {allowed}")
+        raise PlanError(f"{place}: the file's name must end in {allowed}")
     folder = path.parent
     if not folder.exists():
-        raise PlanError(f"{told}: there is no folder {folder}: make it, or give another")
+        raise PlanError(f"{place}: there is no folder {folder}: make it, or give another")
     if not folder.is_dir():
-        raise PlanError(f"{told}: {folder} is not a folder: give another")
+        raise PlanError(f"{place}: {folder} is not a folder: give another")
     if not os.access(folder, os.W_OK):
-        raise PlanError(f"{told}: {folder} cannot be written to: give another")
+        raise PlanError(f"{place}: {folder} cannot be written to: give another")
     if path.exists():
         check_not_read(path, inputs, option)
         if not force:
-            raise PlanError(f"{told}: it exists: give another name, or --force")
+            raise PlanError(f"{place}: it exists: give another name, or --force")
     return path
 
 
 def check_not_read(path: Path, inputs: Iterable[str | Path], option: str = "--output") -> None:
     """Refuse to overwrite what the verb reads, whatever the options. Raises PlanError."""
-    for one in inputs:
-        if _is_same(path, Path(one)):
+    for source in inputs:
+        if _is_same(path, Path(source)):
             raise PlanError(
-                f"{option} {path}: it is read by this command ({one}): give another name"
+                f"{option} {path}: it is read by this command ({source}): give another name"
             )
 
 
@@ -108,6 +108,6 @@ def _is_same(path: Path, other: Path) -> bool:
     """Return True if ``other`` is the file, or a folder with a recording that is."""
     try:
         recordings = other.glob("*.mcap") if other.is_dir() else [other]
-        return any(path.samefile(one) for one in recordings)
+        return any(path.samefile(recording) for recording in recordings)
     except OSError:  # a name that is not a file: a scenario's, a shipped file's
         return False

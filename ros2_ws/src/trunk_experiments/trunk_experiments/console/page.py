@@ -151,12 +151,12 @@ def serving_foxglove(port: int | None, namespace: str, logs: Path) -> Iterator[s
     with process:
         assert process.stdin is not None
         assert process.stdout is not None
-        found = process.stdout.readline().decode().strip()
-        if not found:
+        served = process.stdout.readline().decode().strip()
+        if not served:
             why = log.read_text("utf-8", "replace").strip().splitlines()[-1:]
             raise GatewayError(f"--foxglove {port}: {''.join(why) or 'it could not be started'}")
         try:
-            yield f"ws://{LOOPBACK}:{found}"
+            yield f"ws://{LOOPBACK}:{served}"
         finally:
             process.stdin.close()
             with suppress(subprocess.TimeoutExpired):

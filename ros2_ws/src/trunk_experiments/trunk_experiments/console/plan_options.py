@@ -10,11 +10,26 @@ from click.core import ParameterSource
 
 from ..errors import PlanError
 from ..plans.given import checked_external
+from ..plans.nodes import CONTROLLERS, UNUSABLE
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
-from .common import Function, Number
-from .complete import names_or_files, parameter_files, scenarios
-from .controller_name import ControllerName
+from .options import Function, Name, Number, names_or_files, parameter_files, scenarios
+from .terminal import show_warnings
+
+
+class ControllerName(Name):
+    """The name of a controller that can be used here; for any other, the error says why it cannot."""
+
+    hint = "; build and source your own package first"
+
+    def __init__(self) -> None:
+        super().__init__(CONTROLLERS)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name. Raises click.BadParameter."""
+        if value in UNUSABLE:
+            self.fail(UNUSABLE[value], param, ctx)
+        return super().convert(value, param, ctx)
 
 
 def markers_option(function: Function) -> Function:
@@ -129,8 +144,7 @@ def plan_of(
         below=below,
         external=external,
     )
-    for warning in plan.warnings:
-        click.echo(f"trunk: warning: {warning}", err=True)
+    show_warnings(plan.warnings)
     return plan
 
 
@@ -143,7 +157,7 @@ def _check_no_controller(swaps: Sequence[str]) -> None:
 
 
 def plan_values(plan: RunPlan) -> dict[str, object]:
-    """Return what a document says about a plan; the duration is 0 for a run without an end."""
+    """Return a document's values of a plan; the duration is 0 for a run without an end."""
     return {
         "scenario": plan.scenario,
         "controllers": list(plan.controllers),
@@ -153,5 +167,5 @@ def plan_values(plan: RunPlan) -> dict[str, object]:
 
 
 def files_read(options: dict[str, Any]) -> list[str]:
-    """Return what the options of `plan_options` name: a scenario and parameter files, by path or name."""
+    """Return the files that the options of `plan_options` name: scenario, parameters, by path or name."""
     return [name for name in (options.get("scenario"), *options.get("params", ())) if name]

@@ -21,15 +21,15 @@ class Tell(Protocol):
 
 
 @contextmanager
-def progress_bar(what: str, lines_from: float = 0.0) -> Iterator[Tell]:
+def progress_bar(title: str, lines_from: float = 0.0) -> Iterator[Tell]:
     """Yield a function to call with the amount done and the total.
 
     Where stderr is not a terminal, work of at least ``lines_from`` (in the unit of the amounts) prints a
     line for each tenth.
     """
-    what = printable(what)
+    title = printable(title)
     if not _on_terminal():
-        yield _Lines(what, lines_from)
+        yield _Lines(title, lines_from)
         return
     from rich.progress import (
         BarColumn,
@@ -41,14 +41,14 @@ def progress_bar(what: str, lines_from: float = 0.0) -> Iterator[Tell]:
 
     screen = console(stderr=True)
     columns = (
-        TextColumn(what),
+        TextColumn(title),
         BarColumn(),
         TaskProgressColumn(),
         TextColumn("{task.fields[note]}"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=screen, transient=True) as bar:
-        task = bar.add_task(what, total=None, note="")
+        task = bar.add_task(title, total=None, note="")
         yield lambda done, of, note="": bar.update(task, completed=done, total=of, note=note)
 
 
@@ -69,17 +69,17 @@ def _on_terminal() -> bool:
 class _Lines:
     """Prints a line whenever another tenth is done."""
 
-    def __init__(self, what: str, lines_from: float) -> None:
-        self._what, self._from, self._told = what, lines_from, 0
+    def __init__(self, title: str, lines_from: float) -> None:
+        self._title, self._from, self._percent = title, lines_from, 0
 
     def __call__(self, done: float, of: float, note: str = "") -> None:
         if of <= 0.0 or of < self._from:
             return
         percent = int(100.0 * done / of)
-        if percent // _PER_LINE > self._told // _PER_LINE:
-            self._told = percent
+        if percent // _PER_LINE > self._percent // _PER_LINE:
+            self._percent = percent
             more = f", {note}" if note else ""
-            _say(f"trunk: {self._what}: {percent} %{more}")
+            _say(f"trunk: {self._title}: {percent} %{more}")
 
 
 def _say(line: str) -> None:

@@ -16,6 +16,7 @@ from trunk_msgs_util.recording.reader import Recording
 
 from ..recorded.run import RecordedRun
 from .progress import Tell, progress_bar
+from .terminal import show_warnings
 
 if TYPE_CHECKING:
     from ..replay.doubts import Doubts
@@ -37,7 +38,7 @@ def open_run(path: Path) -> RecordedRun:
 
 
 def run_values(run: RecordedRun, doubts: Doubts | None = None, judged: str | None = None) -> Values:
-    """Return what a document says about a run: its file and its doubts.
+    """Return a document's values of a run: its file and its doubts.
 
     Without ``doubts`` they are looked for here, without simulating a lock-step twin; null if unknown.
     """
@@ -89,9 +90,3 @@ def show_warnings_of(views: Iterable[RunView]) -> None:
     """Print to stderr what cannot be shown of these runs."""
     for view in views:
         show_warnings(f"{view.path}: {warning}" for warning in view.warnings)
-
-
-def show_warnings(warnings: Iterable[str]) -> None:
-    """Print warnings to stderr."""
-    for warning in warnings:
-        click.echo(f"trunk: warning: {warning}", err=True)

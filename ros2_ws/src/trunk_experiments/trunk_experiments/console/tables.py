@@ -1,7 +1,9 @@
-"""Tables at a terminal and in a pipe: whole words, so that every name can be copied."""
+"""Tables as text, Markdown and CSV; no word of a text is broken, so that every name can be copied."""
 
 from __future__ import annotations
 
+import csv
+import io
 import sys
 from collections.abc import Iterable, Sequence
 from shutil import get_terminal_size
@@ -51,6 +53,33 @@ def print_table(
             columns = [0]
         columns.append(column)
     _print_columns(cells, columns, left, width)
+
+
+def aligned(rows: Sequence[Sequence[str]], texts: int | None = None) -> list[str]:
+    """Return rows as lines of any length: the first ``texts`` columns left-aligned, by default all."""
+    widths = [max(map(cell_len, column)) for column in zip(*rows, strict=True)]
+    left = len(widths) if texts is None else texts
+    return [
+        _EDGE.join(
+            _padded(text, width, i < left)
+            for i, (text, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table as Markdown."""
+    lines = (header, ("---",) * len(header), *rows)
+    escaped = ((cell.strip().replace("|", r"\|") for cell in line) for line in lines)
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in escaped)
+
+
+def csv_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table as CSV in full precision; a cell without a value is empty."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([header, *rows])
+    return text.getvalue()
 
 
 def screen_width() -> int:

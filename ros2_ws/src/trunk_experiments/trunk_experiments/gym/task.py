@@ -17,10 +17,9 @@ from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 
 from ..batch.block import LONGEST, Regular, regular_run
-from ..errors import PlanError
+from ..errors import PlanError, did_you_mean
 from ..plans.plan import RunPlan, make_plan
 from ..runs.offline import check
-from ..suggestions import did_you_mean
 
 ACTIONS = ("torque", "gains")
 SPREAD = (0.0, 0.1, 0.0, 0.1)  # m, rad, m/s, rad/s

@@ -14,8 +14,7 @@ from gymnasium.vector.utils import batch_space
 
 from trunk_msgs_util.recording.joint_arrays import Floats
 
-from ..errors import PlanError
-from ..suggestions import did_you_mean
+from ..errors import PlanError, did_you_mean
 from .balance import OPTIONS, space_of_actions, space_of_observations, told, wants_plan
 from .episodes import Episodes, Flags
 from .task import make_task

@@ -23,8 +23,7 @@ from rclpy.task import Future
 from trunk_msgs_util.node import middleware
 from trunk_msgs_util.parameters.declarations import unknown_name
 
-from ..errors import LiveParametersError
-from ..suggestions import did_you_mean
+from ..errors import LiveParametersError, did_you_mean
 
 # Each client that DDS has to match takes time, so there are no others. A node discovers clients in
 # the order of their creation: once it has answered the last one, it also knows the others.

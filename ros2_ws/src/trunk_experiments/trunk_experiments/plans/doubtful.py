@@ -9,8 +9,7 @@ from typing import Any
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_msgs_util.parameters.files import Layer
 
-from ..errors import PlanError
-from ..suggestions import closest
+from ..errors import PlanError, closest
 from .nodes import CONTROLLERS, NODES
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from trunk_msgs_util.parameters.files import Layer, Section, read
 
-from ..errors import PlanError
-from ..suggestions import did_you_mean
+from ..errors import PlanError, did_you_mean
 from .given import quoted, value_of
 from .nodes import NODES
 

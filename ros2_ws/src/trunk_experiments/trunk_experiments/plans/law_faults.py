@@ -23,7 +23,7 @@ def fault_of_a_law(error: BaseException) -> str:
                 what = " ".join(f"{type(error).__name__}: {error}".split())
                 return (
                     f"controller {name!r}: {frame.filename}, line {frame.lineno}, in {frame.name}: {what}; "
-                    f"trunk check controller {name} tests it alone"
+                    f"trunk controller check {name} tests it alone"
                 )
     return ""
 

@@ -30,8 +30,7 @@ from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 
-from ..errors import PlanError
-from ..suggestions import did_you_mean
+from ..errors import PlanError, did_you_mean
 from .doubtful import check_targets, not_taken, suspicious_units
 from .files import find_file, parse_setting, scenario_layers
 from .layers import config_from

@@ -12,9 +12,8 @@ import yaml
 
 from trunk_msgs_util.yaml_text import YamlTextError, load
 
-from ..errors import DrawError, StudyError
+from ..errors import DrawError, StudyError, did_you_mean
 from ..plans.nodes import CONTROLLERS
-from ..suggestions import did_you_mean
 from .draws import DISTRIBUTIONS, Distribution
 from .study import (
     HOWS,

@@ -1,19 +1,23 @@
-"""``trunk study``: what a study's results tell: a report, one of its runs, which parameter matters."""
+"""``trunk study``: what a study's results tell."""
 
 from __future__ import annotations
 
 import click
 
-from ...console.verbs import Verbs
-from .report import report
-from .sensitivity import sensitivity
-from .show import show
+from ...console.verbs import LazyVerbs
 
 
-@click.group("study", cls=Verbs)
+@click.group(
+    "study",
+    cls=LazyVerbs,
+    package=__name__,
+    overview={
+        "map": "Draw a sweep's results over two of its grid's variables.",
+        "compare": "Compare a sweep's controllers over the same draws.",
+        "report": "Write one HTML file on a sweep: falls, map, differences, the worst runs.",
+        "show": "Run one of a sweep's runs again, as a recording that verifies.",
+        "sensitivity": "Show which drawn parameter of a study matters: Sobol indices.",
+    },
+)
 def command() -> None:
-    """Read a study: a report, one of its runs, which parameter matters."""
-
-
-for _command in (report, show, sensitivity):
-    command.add_command(_command)
+    """Read a study: a map, controllers compared, a report, one of its runs, which parameter matters."""

@@ -7,15 +7,12 @@ from pathlib import Path
 import click
 
 from ...console.document import json_option, write_json
+from ...console.options import results_argument
 from ...console.outputs import check_output, output_options
 
 
 @click.command("report")
-@click.argument(
-    "results",
-    metavar="OUT.parquet",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-)
+@results_argument
 @output_options("The page to write.  [default: beside the results, .html]")
 @click.option(
     "--metric",
@@ -27,7 +24,7 @@ from ...console.outputs import check_output, output_options
     "--no-floquet", is_flag=True, help="Leave out the map's line of the Floquet multipliers."
 )
 @json_option("study-report-1")
-def report(
+def command(
     results: Path,
     output: Path | None,
     force: bool,
@@ -49,8 +46,8 @@ def report(
     check_output(target, (".html", ".htm"), force, [results])
     read = Results.read(results)
     with progress_bar("Floquet multipliers") as tell:
-        found = make_report(read, metric, None if no_floquet else tell)
-    page = render(found).encode("utf-8")
+        report = make_report(read, metric, None if no_floquet else tell)
+    page = render(report).encode("utf-8")
     with atomic_write(target) as part:
         part.write_bytes(page)
     if as_json:
@@ -58,19 +55,19 @@ def report(
             "results": results,
             "output": target,
             "bytes": len(page),
-            "runs": found.runs,
+            "runs": report.runs,
             "worst": [
                 {
-                    "run": one.run,
-                    "controller": one.controller,
-                    "fell": one.fell,
-                    "ended": one.ended,
-                    "value": one.value,
+                    "run": run.run,
+                    "controller": run.controller,
+                    "fell": run.fell,
+                    "ended": run.ended,
+                    "value": run.value,
                     "command": command,
                 }
-                for one, command in found.worst
+                for run, command in report.worst
             ],
         }
         write_json("study-report-1", values)
         return
-    click.echo(f"{target}: {found.runs} runs, {len(page) / 1e6:.1f} MB")
+    click.echo(f"{target}: {report.runs} runs, {len(page) / 1e6:.1f} MB")

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import click
 
 from ...analysis.metrics import QUANTITIES
-from ...console.complete import names_or_files, studies
 from ...console.document import json_option, write_json
+from ...console.options import names_or_files, studies
 from ...console.progress import progress_bar
 from ...console.tables import print_table
+from ...console.terminal import show_warnings
 
 if TYPE_CHECKING:
     from ...study.intervals import Estimate
@@ -43,9 +44,7 @@ _HEADER = ("parameter", "first order [95 %]", "total [95 %]")
     help="Processes on this machine.  [default: one per core]",
 )
 @json_option("study-sensitivity-1")
-def sensitivity(
-    study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_json: bool
-) -> None:
+def command(study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_json: bool) -> None:
     """Show which drawn parameter of STUDY matters: Sobol indices over its distributions.
 
     First order: the share of a metric's variance due to a parameter alone. Total: its interactions with all
@@ -60,59 +59,58 @@ def sensitivity(
     wanted = tuple(dict.fromkeys(metrics)) or _METRICS
     check_sensitivity(read, n, wanted)
     bases = make_bases(read)
-    for warning in dict.fromkeys(text for base in bases.values() for text in base.plan.warnings):
-        click.echo(f"trunk: warning: {warning}", err=True)
+    show_warnings(dict.fromkeys(text for base in bases.values() for text in base.plan.warnings))
     runs = total_runs(read, n)
     workers = max(1, min(jobs or len(os.sched_getaffinity(0)), -(-runs // read.block)))
     with progress_bar("runs") as tell:
-        found = sensitivities(read, bases, n, wanted, processes(workers), tell)
+        results = sensitivities(read, bases, n, wanted, processes(workers), tell)
     if as_json:
         values = {
             "study": study,
             "n": n,
             "runs": runs,
-            "indices": [as_values(one) for one in found],
+            "indices": [as_values(result) for result in results],
         }
         write_json("study-sensitivity-1", values)
         return
     click.echo(f"{study}: {runs} runs, n = {n}\n")
-    for one in found:
-        _show(one)
+    for result in results:
+        _show(result)
 
 
-def as_values(one: Sensitivity) -> dict[str, object]:
+def as_values(result: Sensitivity) -> dict[str, object]:
     """Return one metric's indices as plain values."""
     return {
-        "controller": one.controller,
-        "metric": one.metric,
-        "runs": one.runs,
-        "fell": one.fell,
-        "filled": one.filled,
-        "doubtful": one.doubtful,
+        "controller": result.controller,
+        "metric": result.metric,
+        "runs": result.runs,
+        "fell": result.fell,
+        "filled": result.filled,
+        "doubtful": result.doubtful,
         "parameters": [
             {"name": i.parameter, "first": i.first._asdict(), "total": i.total._asdict()}
-            for i in one.indices
+            for i in result.indices
         ],
     }
 
 
-def _show(one: Sensitivity) -> None:
+def _show(result: Sensitivity) -> None:
     from ...study.compare import FELL
 
-    name = "how often it fell" if one.metric == FELL else QUANTITIES[one.metric].label
-    title = f"{one.controller}: {name}"
-    if one.metric == FELL:
-        title += f" ({one.fell} of {one.runs} runs)"
-    elif one.filled:
-        title += f" ({one.filled} of {one.runs} runs have none and count as the worst)"
-    if one.doubtful:
+    name = "how often it fell" if result.metric == FELL else QUANTITIES[result.metric].label
+    title = f"{result.controller}: {name}"
+    if result.metric == FELL:
+        title += f" ({result.fell} of {result.runs} runs)"
+    elif result.filled:
+        title += f" ({result.filled} of {result.runs} runs have none and count as the worst)"
+    if result.doubtful:
         title += ": doubtful"
-    if not one.indices:
+    if not result.indices:
         click.echo(f"{title}: the same in all runs: no parameter matters\n")
         return
-    rows = [(i.parameter, _text(i.first), _text(i.total)) for i in one.indices]
+    rows = [(i.parameter, _text(i.first), _text(i.total)) for i in result.indices]
     print_table(title, _HEADER, rows)
 
 
-def _text(one: Estimate) -> str:
-    return f"{one.value:.2f} [{one.low:.2f}…{one.high:.2f}]"
+def _text(estimate: Estimate) -> str:
+    return f"{estimate.value:.2f} [{estimate.low:.2f}…{estimate.high:.2f}]"

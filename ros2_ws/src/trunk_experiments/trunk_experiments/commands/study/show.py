@@ -7,19 +7,16 @@ from pathlib import Path
 import click
 
 from ...console.document import json_option, write_json
-from ...console.mistakes import line_of
+from ...console.options import results_argument
 from ...console.outputs import check_output, output_options
+from ...console.terminal import line_of
 from ...errors import PlanError
 
 _LONG = 100_000  # states, which take seconds
 
 
 @click.command("show")
-@click.argument(
-    "results",
-    metavar="OUT.parquet",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-)
+@results_argument
 @click.option(
     "--run",
     "number",
@@ -36,7 +33,7 @@ _LONG = 100_000  # states, which take seconds
     help="Also write a report on the run.",
 )
 @json_option("study-show-1")
-def show(
+def command(
     results: Path,
     number: int,
     output: Path,
@@ -58,34 +55,34 @@ def show(
         check_output(report, (".html", ".htm"), force, [results], "--report")
         if report.resolve() == output.resolve():
             raise PlanError(f"--report {report}: it is also the output: give another name")
-    one = study_run(Results.read(results), number)
+    run = study_run(Results.read(results), number)
     with progress_bar(f"simulating run {number}", _LONG) as tell:
-        diverged = record_again(one, output, force, tell)
+        diverged = record_again(run, output, force, tell)
     size = None if report is None else _write_report(output, report)
-    told = written_values(output)
-    controller = str(one.row["controller"])
+    written = written_values(output)
+    controller = str(run.row["controller"])
     if as_json:
         values = {
-            **told,
+            **written,
             "study": results,
             "run": number,
             "controller": controller,
-            "point": one.row["point"],
-            "draw": one.row["draw"],
-            "varied": one.varied,
-            "status": one.row["status"],
+            "point": run.row["point"],
+            "draw": run.row["draw"],
+            "varied": run.varied,
+            "status": run.row["status"],
             "failure": None if diverged is None else line_of(diverged),
-            "metrics": None if diverged else {name: one.row[name] for name in METRICS},
+            "metrics": None if diverged else {name: run.row[name] for name in METRICS},
             "report": report,
         }
         write_json("study-show-1", values)
         return
     if diverged is not None:
         click.echo(f"diverged, as in the sweep: {line_of(diverged)}")
-    elif one.fell:
+    elif run.fell:
         click.echo("fell, as in the sweep")
-    drawn = ", ".join(f"{name} {_text(value)}" for name, value in one.varied.items())
-    click.echo(f"{output}: run {number}, {controller}, {told['states']} states; {drawn}")
+    drawn = ", ".join(f"{name} {_text(value)}" for name, value in run.varied.items())
+    click.echo(f"{output}: run {number}, {controller}, {written['states']} states; {drawn}")
     if diverged is None:
         click.echo(f"{output}: the metrics equal the row in {results}, bit for bit")
     if size is not None:

@@ -10,16 +10,16 @@ from trunk_control.pid_family import Gains
 from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.parameters.files import write
 
-from ..console.document import write_json
-from ..console.reading import show_warnings
-from ..console.tables import print_table
-from ..errors import PlanError
-from ..plans.nodes import NODES
-from ..plans.plan import RunPlan
-from .margins import margin_warnings, print_margins
+from ...console.document import write_json
+from ...console.tables import print_table
+from ...console.terminal import show_warnings
+from ...errors import PlanError
+from ...plans.nodes import NODES
+from ...plans.plan import RunPlan
+from ..margins import margin_warnings, print_margins
 
 if TYPE_CHECKING:
-    from ..tuning.methods import Ultimate
+    from ...tuning.methods import Ultimate
 
 
 def finish(
@@ -44,7 +44,7 @@ def finish_values(
 
     ``how``: the method's own results in the JSON document, under the method's name.
     """
-    from ..tuning.margins import plan_margins
+    from ...tuning.margins import plan_margins
 
     name = plan.controller_name
     config = build(NODES[name].config, {**values_of(plan.controller), **values})
@@ -81,14 +81,14 @@ def finish_values(
         click.echo(f"{options['output']}: for --params, or ros2 run … --ros-args --params-file")
 
 
-def show_relay(found: Ultimate) -> None:
+def show_relay(ultimate: Ultimate) -> None:
     """Print a relay experiment as a table."""
     print_table(
         "relay experiment",
         ("quantity", "relay", "Routh", "unit"),
         [
-            ("Ku", f"{found.gain:.5g}", f"{found.exact_gain:.5g}", "N m/rad"),
-            ("Tu", f"{found.period:.5g}", f"{found.exact_period:.5g}", "s"),
-            ("amplitude", f"{found.amplitude:.5g}", "", "rad"),
+            ("Ku", f"{ultimate.gain:.5g}", f"{ultimate.exact_gain:.5g}", "N m/rad"),
+            ("Tu", f"{ultimate.period:.5g}", f"{ultimate.exact_period:.5g}", "s"),
+            ("amplitude", f"{ultimate.amplitude:.5g}", "", "rad"),
         ],
     )

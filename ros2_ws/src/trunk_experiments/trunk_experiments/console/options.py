@@ -1,18 +1,23 @@
-"""What several verbs share: types of options."""
+"""What several verbs share: types of options, and what a shell completes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from math import isfinite
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from trunk_msgs_util.parameters.declarations import UnitError
 from trunk_msgs_util.parameters.to_si import number_in
 
-from ..suggestions import did_you_mean
+from ..errors import did_you_mean
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+    Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -69,3 +74,51 @@ class Name(click.Choice[str]):
 def file_option(*names: str, help: str, metavar: str = "FILE") -> Callable[[Function], Function]:  # noqa: A002
     """Return an option whose value is a path."""
     return click.option(*names, type=click.Path(path_type=Path), metavar=metavar, help=help)
+
+
+def results_argument(function: Function) -> Function:
+    """Add the argument ``results``: the Parquet file of a sweep."""
+    kind = click.Path(path_type=Path, exists=True, dir_okay=False)
+    return click.argument("results", metavar="OUT.parquet", type=kind)(function)
+
+
+def names_or_files(known: Callable[[], Iterable[str]]) -> Complete:
+    """Return a completion of names, or of files if no name begins with what was typed."""
+
+    def complete(
+        _context: click.Context, _parameter: click.Parameter, begun: str
+    ) -> list[CompletionItem]:
+        from click.shell_completion import CompletionItem
+
+        items = [CompletionItem(name) for name in known() if name.startswith(begun)]
+        return items or [CompletionItem(begun, type="file")]
+
+    return complete
+
+
+def scenarios() -> Iterable[str]:
+    """Return the shipped scenarios."""
+    from ..plans.files import SCENARIOS
+
+    return SCENARIOS
+
+
+def parameter_files() -> Iterable[str]:
+    """Return the shipped parameter files."""
+    from ..plans.files import shipped_files
+
+    return shipped_files()
+
+
+def studies() -> Iterable[str]:
+    """Return the shipped studies."""
+    from ..study.file import shipped_studies
+
+    return shipped_studies()
+
+
+def nodes() -> Iterable[str]:
+    """Return the nodes' names, without a namespace."""
+    from ..plans.nodes import NODES
+
+    return NODES

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..analysis.metrics import RunMetrics
-from ..console.common import FiniteRange, Function
-from ..console.controller_name import ControllerName
-from ..console.document import json_option
-from ..console.outputs import check_output, output_options
-from ..console.progress import progress_bar
-from ..console.reading import show_warnings
-from ..console.verbs import Verbs
-from ..plans.plan import RunPlan, make_plan
-from .tuned import finish, finish_values, show_relay
+from ...analysis.metrics import RunMetrics
+from ...console.document import json_option
+from ...console.options import FiniteRange, Function
+from ...console.outputs import check_output, output_options
+from ...console.plan_options import ControllerName
+from ...console.progress import progress_bar
+from ...console.terminal import show_warnings
+from ...console.verbs import Verbs
+from ...plans.plan import RunPlan, make_plan
+from .result import finish, finish_values, show_relay
 
 if TYPE_CHECKING:
-    from ..tuning.linear import Linear
+    from ...tuning.linear import Linear
 
 _METRICS = tuple(name for name in RunMetrics.__dataclass_fields__ if not name.startswith("theta"))
 
@@ -98,7 +98,7 @@ def command() -> None:
 )
 def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> None:
     """Place the poles of the loop, by default at -12, -8 and -2."""
-    from ..tuning.methods import by_poles
+    from ...tuning.methods import by_poles
 
     plan, plant = _linear(controller, options)
     if controller == "computed_torque":
@@ -114,7 +114,7 @@ def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> 
 @_largest("--torque", 5.0, "Largest torque", "N m")
 def lqr_command(integral: float, angle: float, speed: float, torque: float, **options: Any) -> None:
     """Solve the Riccati equation; weights are one over the square of the largest acceptable values."""
-    from ..tuning.methods import by_lqr
+    from ...tuning.methods import by_lqr
 
     plan, plant = _linear("lqr", options)
     gains = by_lqr(plant, integral, radians(angle), speed, torque)
@@ -148,7 +148,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
     The plant itself has neither lag nor damping, and thus no ultimate gain: declare both here; the margins
     are those of the loop with them.
     """
-    from ..tuning.methods import relay, ziegler_nichols
+    from ...tuning.methods import relay, ziegler_nichols
 
     plan, plant = _linear("pid", options)
     found = relay(plant._replace(c=damping * plant.b, lag=lag), amplitude)
@@ -181,12 +181,12 @@ def optimise_command(
     For pid it searches the gains; for fuzzy_pid the ranges of the gains, both universes and all three
     rule tables, symmetric in e and its rate; for any other controller, all of its own numbers.
     """
-    from ..tuning.search import search
+    from ...tuning.search import search
 
     _check(options)
     plan = partial(_plan, controller, options["params"], options["settings"], options["rate"])
     with progress_bar("generations") as tell:
-        found = search(
+        optimum = search(
             [plan(scenario) for scenario in scenarios],
             metric,
             generations,
@@ -196,22 +196,22 @@ def optimise_command(
         )
     if not options["as_json"]:
         click.echo(
-            f"{metric}, mean over {', '.join(scenarios)}: {found.start_cost:.6g} before, "
-            f"{found.cost:.6g} after {found.runs} runs (seed {seed})"
+            f"{metric}, mean over {', '.join(scenarios)}: {optimum.start_cost:.6g} before, "
+            f"{optimum.cost:.6g} after {optimum.runs} runs (seed {seed})"
         )
     search_values = {
         "metric": metric,
         "scenarios": scenarios,
-        "before": found.start_cost,
-        "after": found.cost,
-        "runs": found.runs,
+        "before": optimum.start_cost,
+        "after": optimum.cost,
+        "runs": optimum.runs,
         "seed": seed,
     }
-    finish_values(plan(scenarios[0]), found.values, options, how={"search": search_values})
+    finish_values(plan(scenarios[0]), optimum.values, options, how={"search": search_values})
 
 
 def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
-    from ..tuning.linear import linearise
+    from ...tuning.linear import linearise
 
     _check(options)
     plan = _plan(controller, options["params"], options["settings"], options["rate"])

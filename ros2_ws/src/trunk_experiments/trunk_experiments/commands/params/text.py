@@ -1,12 +1,16 @@
-"""Parameters as text: values as in a parameter file, what is allowed, rule tables as in the paper."""
+"""Parameters as text: values as in a file, what is allowed, rule tables as in the paper, Markdown."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from textwrap import indent
 
 from trunk_control.rule_tables import INPUT_LABELS
+from trunk_msgs_util.parameters.csv_parameters import listed
 from trunk_msgs_util.parameters.declarations import Declaration
+
+from ...console.tables import aligned
+from ...plans.nodes import NODES
 
 _LONG = 24  # characters; a longer array is not listed in full
 
@@ -14,8 +18,8 @@ _LONG = 24  # characters; a longer array is not listed in full
 def value_text(value: object) -> str:
     """Return a value as it would be written in a parameter file."""
     if isinstance(value, tuple | list):
-        return "[" + ", ".join(map(_one, value)) + "]"
-    return _one(value)
+        return "[" + ", ".join(map(_scalar_text, value)) + "]"
+    return _scalar_text(value)
 
 
 def short_text(value: object) -> str:
@@ -27,7 +31,7 @@ def short_text(value: object) -> str:
 
 
 def allowed_text(declaration: Declaration) -> str:
-    """Return what is allowed besides the type: choices, or bounds; for an array, of each value."""
+    """Return the allowed values besides the type: choices, or bounds; for an array, of each value."""
     size = f"{declaration.length} values" if declaration.length is not None else ""
     if declaration.longest is not None:
         size = f"up to {declaration.longest} values"
@@ -50,15 +54,41 @@ def rule_table_text(rows: Sequence[str]) -> str:
     """Return a rule table with its labels: a row for each label of e, a column for each of e_dot."""
     cells: list[Sequence[str]] = [("e \\ e_dot", *INPUT_LABELS)]
     cells += [(label, *row.split()) for label, row in zip(INPUT_LABELS, rows, strict=True)]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    lines = (
-        "  ".join(text.ljust(w) for text, w in zip(row, widths, strict=True)).rstrip()
-        for row in cells
-    )
-    return indent("\n".join(lines), " " * 4)
+    return indent("\n".join(aligned(cells)), " " * 4)
 
 
-def _one(value: object) -> str:
+def markdown_rows(node: str) -> dict[str, str]:
+    """Return a node's parameters by name, each as a row of a Markdown table."""
+    rows = {}
+    for declaration in listed(NODES[node].config).values():
+        allowed = ", ".join(declaration.choices) or declaration.bounds()
+        default = value_text(declaration.default)
+        if len(default) > 40:
+            default = "as printed" if declaration.name.startswith("rules") else "even"
+        size = f"[{declaration.length}]" if declaration.length is not None else ""
+        if declaration.longest is not None:
+            size = f"[≤{declaration.longest}]"
+        cells = (
+            f"`{declaration.name}`" + ("" if not declaration.fixed else " *"),
+            declaration.kind + size,
+            default,
+            declaration.unit,
+            allowed.replace(">= ", "≥ ").replace("<= ", "≤ "),
+            declaration.description,
+        )
+        rows[declaration.name] = (
+            "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+        )
+    return rows
+
+
+def markdown_table(rows: Iterable[str]) -> str:
+    """Return rows of parameters as a Markdown table."""
+    head = ("| parameter | type | default | unit | allowed | what |", "|---|---|---|---|---|---|")
+    return "\n".join((*head, *rows))
+
+
+def _scalar_text(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):

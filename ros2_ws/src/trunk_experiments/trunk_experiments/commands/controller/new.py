@@ -1,4 +1,4 @@
-"""``trunk new``: a package to start from."""
+"""``trunk controller new``: a package to start from."""
 
 from __future__ import annotations
 
@@ -11,20 +11,14 @@ import click
 
 from trunk_control.laws import REGISTERED
 
-from ..console.document import json_option, write_json
-from ..console.verbs import Verbs
-from ..errors import PlanError
-from ..plans.nodes import OTHERS
+from ...console.document import json_option, write_json
+from ...errors import PlanError
+from ...plans.nodes import OTHERS
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*[a-z0-9]")
 
 
-@click.group("new", cls=Verbs)
-def command() -> None:
-    """Make a package for a controller of your own."""
-
-
-@command.command("controller")
+@click.command("new")
 @click.argument("name")
 @click.option(
     "--path",
@@ -33,9 +27,9 @@ def command() -> None:
     help="The folder to make it in.  [default: the current one]",
 )
 @json_option("new-1")
-def controller(name: str, path: Path, as_json: bool) -> None:
+def command(name: str, path: Path, as_json: bool) -> None:
     """Make the package NAME: a sliding-mode controller to change into your own."""
-    from ..templates import controller_package
+    from ...templates import controller_package
 
     if not _NAME.fullmatch(name) or "__" in name:
         raise PlanError(

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..console.complete import names_or_files, studies
-from ..console.document import json_option, write_json
-from ..console.outputs import check_output, output_options
-from ..console.progress import progress_bar
+from ...console.document import json_option, write_json
+from ...console.options import names_or_files, studies
+from ...console.outputs import check_output, output_options
+from ...console.progress import progress_bar
+from ...console.terminal import show_warnings
 
 if TYPE_CHECKING:
-    from ..study.sweep import SweepJob
+    from ...study.sweep import SweepJob
 
 
 @click.command("sweep")
@@ -47,18 +48,18 @@ def command(
     A sweep that was interrupted, even by kill -9, resumes when the same command is given
     again. The same study gives the same file, however it was run.
     """
-    from ..study.file import read_study
-    from ..study.sweep import SweepJob
+    from ...study.file import read_study
+    from ...study.sweep import SweepJob
 
     check_output(output, (".parquet",), force, [study])
     sweep = SweepJob(read_study(study), output)
     if check:
         sweep.check()
         outcomes = None
-        told = f"{study}: {sweep.study.total} runs in {sweep.blocks} blocks"
+        line = f"{study}: {sweep.study.total} runs in {sweep.blocks} blocks"
     else:
         outcomes = run_sweep(sweep, jobs, scheduler)
-        told = ended(sweep, outcomes)
+        line = ended(sweep, outcomes)
     if as_json:
         values = {
             "study": study,
@@ -69,32 +70,31 @@ def command(
         }
         write_json("sweep-1", values)
     else:
-        click.echo(told)
+        click.echo(line)
 
 
 def ended(sweep: SweepJob, outcomes: Mapping[str, int]) -> str:
     """Return a line on how a sweep's runs ended."""
-    told = ", ".join(f"{count} {name}" for name, count in outcomes.items())
-    return f"{sweep.output}: {sweep.study.total} runs: {told}"
+    counts = ", ".join(f"{count} {name}" for name, count in outcomes.items())
+    return f"{sweep.output}: {sweep.study.total} runs: {counts}"
 
 
 def run_sweep(
     sweep: SweepJob, jobs: int | None = None, scheduler: str | None = None
 ) -> dict[str, int]:
     """Run a sweep, or the rest of an interrupted one, showing progress; return the count of each outcome."""
-    from ..study.sweep import outcome_counts, processes
+    from ...study.sweep import outcome_counts, processes
 
     total = sweep.study.total
     done = sweep.start()
-    for warning in sweep.warnings:
-        click.echo(f"trunk: warning: {warning}", err=True)
+    show_warnings(sweep.warnings)
     if done:
         click.echo(f"resuming: {done} of {total} runs are done", err=True)
     if scheduler is None:
         missing = len(sweep.missing)
         runner = processes(max(1, min(jobs or len(os.sched_getaffinity(0)), missing)))
     else:
-        from ..study.cluster import dask_runner
+        from ...study.cluster import dask_runner
 
         runner = dask_runner(scheduler)
     with progress_bar("runs") as tell:

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import click
 
-from ..console.document import json_option, write_json
-from ..console.verbs import Verbs
-from .params_live import apply, set_values
-from .params_show import show
+from ...console.document import json_option, write_json
+from ...console.verbs import Verbs
+from .live import apply, set_values
+from .show import show
 
 
 class _Verb(Verbs):
     """A group that also takes a node's name, to list its parameters, in place of a command."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        found = super().get_command(ctx, cmd_name)
-        if found is not None:
-            return found
-        from ..errors import PlanError
-        from ..plans.nodes import NODES
-        from ..suggestions import did_you_mean
+        verb = super().get_command(ctx, cmd_name)
+        if verb is not None:
+            return verb
+        from ...errors import PlanError, did_you_mean
+        from ...plans.nodes import NODES
 
         if cmd_name not in NODES:
             if ctx.resilient_parsing:  # a shell completes
@@ -46,7 +45,7 @@ class _Verb(Verbs):
         """Complete commands, options and names of nodes."""
         from click.shell_completion import CompletionItem
 
-        from ..plans.nodes import NODES
+        from ...plans.nodes import NODES
 
         nodes = [CompletionItem(name) for name in NODES if name.startswith(incomplete)]
         return [*super().shell_complete(ctx, incomplete), *nodes]
@@ -73,7 +72,7 @@ def command(ctx: click.Context, as_json: bool, as_markdown: bool) -> None:
     The names are as --set takes them. show prints a parameter file; set and apply change a running node.
     """
     if ctx.invoked_subcommand is None:
-        from ..plans.nodes import NODES
+        from ...plans.nodes import NODES
 
         _list(list(NODES), as_json, as_markdown)
 
@@ -82,60 +81,19 @@ for _command in (show, set_values, apply):
     command.add_command(_command)
 
 
-def markdown_rows(node: str) -> dict[str, str]:
-    """Return a node's parameters by name, each as a row of a Markdown table."""
-    from trunk_msgs_util.parameters.csv_parameters import listed
-
-    from ..console.parameter_text import value_text
-    from ..plans.nodes import NODES
-
-    rows = {}
-    for declaration in listed(NODES[node].config).values():
-        allowed = ", ".join(declaration.choices) or declaration.bounds()
-        default = value_text(declaration.default)
-        if len(default) > 40:
-            default = "as printed" if declaration.name.startswith("rules") else "even"
-        size = f"[{declaration.length}]" if declaration.length is not None else ""
-        if declaration.longest is not None:
-            size = f"[≤{declaration.longest}]"
-        cells = (
-            f"`{declaration.name}`" + ("" if not declaration.fixed else " *"),
-            declaration.kind + size,
-            default,
-            declaration.unit,
-            allowed.replace(">= ", "≥ ").replace("<= ", "≤ "),
-            declaration.description,
-        )
-        rows[declaration.name] = (
-            "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
-        )
-    return rows
-
-
-def markdown_table(rows: Iterable[str]) -> str:
-    """Return rows of parameters as a Markdown table."""
-    head = ("| parameter | type | default | unit | allowed | what |", "|---|---|---|---|---|---|")
-    return "\n".join((*head, *rows))
-
-
-def markdown(node: str) -> str:
-    """Return a node's parameters as a Markdown table."""
-    return markdown_table(markdown_rows(node).values())
-
-
 def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
     from trunk_msgs_util.parameters.csv_parameters import listed
 
-    from ..console.parameter_text import allowed_text, short_text
-    from ..console.tables import print_table
-    from ..plans.nodes import NODES
+    from ...console.tables import print_table
+    from ...plans.nodes import NODES
+    from .text import allowed_text, markdown_rows, markdown_table, short_text
 
     if as_json:
         write_json("params-1", {"nodes": {name: _values(NODES[name].config) for name in nodes}})
         return
     for name in nodes:
         if as_markdown:
-            click.echo(f"### {name}\n\n{markdown(name)}\n")
+            click.echo(f"### {name}\n\n{markdown_table(markdown_rows(name).values())}\n")
             continue
         print_table(
             f"{name} (* fixed at start)",

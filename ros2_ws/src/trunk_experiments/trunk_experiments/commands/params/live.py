@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..console.common import FiniteRange
-from ..console.complete import names_or_files, nodes, parameter_files
-from ..console.document import json_option, write_json
+from ...console.document import json_option, write_json
+from ...console.options import FiniteRange, names_or_files, nodes, parameter_files
 
 if TYPE_CHECKING:
-    from ..live.parameters import LiveChange
+    from ...live.parameters import LiveChange
 
 _TIMEOUT = FiniteRange(min=0.0, min_open=True, max=3600.0, unit="s")
 
@@ -48,8 +47,8 @@ def apply(
     """
     from trunk_msgs_util.parameters.files import read
 
-    from ..errors import LiveParametersError
-    from ..live.parameters import (
+    from ...errors import LiveParametersError
+    from ...live.parameters import (
         choosers_of,
         differences,
         full_name,
@@ -58,11 +57,11 @@ def apply(
         said_of,
         with_numbers,
     )
-    from ..plans.files import find_file
-    from ..plans.given import checked_namespace
+    from ...plans.files import find_file
+    from ...plans.given import checked_namespace
 
     layer, name = read(find_file(file)), full_name(node, checked_namespace(namespace))
-    from ..live.parameters_node import LiveParameters
+    from ...live.parameters_node import LiveParameters
 
     with LiveParameters(name, timeout) as parameters:
         said = said_of(name, layer, [*parameters.names(), *planned_names(name)])
@@ -101,18 +100,18 @@ def set_values(
     """
     from trunk_msgs_util.parameters.files import Layer, Section
 
-    from ..live.parameters import (
+    from ...live.parameters import (
         choosers_of,
         differences,
         full_name,
         said_in_si,
         with_numbers,
     )
-    from ..plans.given import checked_namespace, settings_of
+    from ...plans.given import checked_namespace, settings_of
 
     wanted: Mapping[str, object] = settings_of(settings)
     name = full_name(node, checked_namespace(namespace))
-    from ..live.parameters_node import LiveParameters
+    from ...live.parameters_node import LiveParameters
 
     with LiveParameters(name, timeout) as parameters:
         given = Layer("params set", (Section(name, wanted),))
@@ -129,8 +128,8 @@ def set_values(
 def _say(node: str, changes: Sequence[LiveChange], dry_run: bool, as_json: bool) -> None:
     parent = click.get_current_context().parent
     if as_json or (parent is not None and parent.params["as_json"]):  # trunk params --json set
-        told = [change._asdict() for change in changes]
-        write_json("params-apply-1", {"node": node, "applied": not dry_run, "changes": told})
+        values = [change._asdict() for change in changes]
+        write_json("params-apply-1", {"node": node, "applied": not dry_run, "changes": values})
         return
     for change in changes:
         click.echo(str(change))

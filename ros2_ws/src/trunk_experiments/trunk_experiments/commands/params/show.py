@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from ..console.complete import names_or_files, parameter_files
-from ..console.document import json_option, write_json
+from ...console.document import json_option, write_json
+from ...console.options import names_or_files, parameter_files
 
 if TYPE_CHECKING:
     from trunk_msgs_util.parameters.declarations import Declaration
@@ -36,27 +36,27 @@ def show(name: str, as_json: bool) -> None:
     """
     from trunk_msgs_util.parameters.files import ParameterFileError, check_names, read
 
-    from ..console.reading import show_warnings
-    from ..plans.files import SCENARIOS, find_file, scenario_layers
-    from ..plans.nodes import declared_names
+    from ...console.terminal import show_warnings
+    from ...plans.files import SCENARIOS, find_file, scenario_layers
+    from ...plans.nodes import declared_names
 
     layers = scenario_layers(name) if name in SCENARIOS else [read(find_file(name))]
-    found = shown(layers)
+    values = shown(layers)
     if as_json:
         files = [layer.source for layer in layers]
-        write_json("params-show-1", {"files": files, "values": _values(found)})
+        write_json("params-show-1", {"files": files, "values": _values(values)})
     else:
-        _print(layers, found)
+        _print(layers, values)
     try:
         check_names(layers, declared_names())
     except ParameterFileError as error:
         show_warnings([str(error)])
-    show_warnings(_refused(found))
+    show_warnings(_refused(values))
 
 
 def shown(layers: Iterable[Layer]) -> list[Shown]:
     """Return each value of some layers, the last one where several set the same for the same nodes."""
-    found = {
+    values = {
         (section.pattern, name): Shown(
             section.pattern, name, value, layer.source, _declaration(section, name)
         )
@@ -64,14 +64,14 @@ def shown(layers: Iterable[Layer]) -> list[Shown]:
         for section in layer.sections
         for name, value in section.values.items()
     }
-    return list(found.values())
+    return list(values.values())
 
 
 def _declaration(section: Section, name: str) -> Declaration | None:
-    """Return what declares a parameter of a section: of the first of our nodes that has it."""
+    """Return the declaration of a section's parameter: of the first of our nodes that has it."""
     from trunk_msgs_util.parameters.csv_parameters import listed
 
-    from ..plans.nodes import NODES
+    from ...plans.nodes import NODES
 
     for node, kind in NODES.items():
         if section.last_token == node or section.matches(f"/{node}"):
@@ -81,64 +81,65 @@ def _declaration(section: Section, name: str) -> Declaration | None:
     return None
 
 
-def _refused(found: Iterable[Shown]) -> Iterable[str]:
+def _refused(values: Iterable[Shown]) -> Iterable[str]:
     from trunk_msgs_util.parameters.declarations import ParameterError, check
     from trunk_msgs_util.parameters.to_si import to_si
 
-    found = list(found)
-    for one in found:
-        if one.declaration is not None:
+    values = list(values)
+    for nodes, name, value, source, declaration in values:
+        if declaration is not None:
             # The parameter that chooses its unit may be in the same section.
-            beside = {other.name: other.value for other in found if other.nodes == one.nodes}
+            section = {other.name: other.value for other in values if other.nodes == nodes}
             try:
-                values = to_si({one.name: one.declaration}, {one.name: one.value}, beside)
-                check(one.declaration, values[one.name])
+                check(declaration, to_si({name: declaration}, {name: value}, section)[name])
             except ParameterError as error:
-                yield f"{one.source}: {one.nodes}: {error}"
+                yield f"{source}: {nodes}: {error}"
 
 
-def _values(found: Iterable[Shown]) -> list[dict[str, object]]:
+def _values(values: Iterable[Shown]) -> list[dict[str, object]]:
     return [
         {
-            "nodes": one.nodes,
-            "name": one.name,
-            "value": one.value,
-            "unit": one.declaration.unit if one.declaration else "",
-            "file": one.source,
+            "nodes": shown.nodes,
+            "name": shown.name,
+            "value": shown.value,
+            "unit": shown.declaration.unit if shown.declaration else "",
+            "file": shown.source,
         }
-        for one in found
+        for shown in values
     ]
 
 
-def _print(layers: list[Layer], found: list[Shown]) -> None:
-    from ..console.parameter_text import is_rule_table, rule_table_text, value_text
-    from ..console.tables import print_table
-    from ..console.terminal import print_title
+def _print(layers: list[Layer], values: list[Shown]) -> None:
+    from ...console.tables import print_table
+    from ...console.terminal import print_title
+    from .text import is_rule_table, rule_table_text, value_text
 
     for layer in layers:
         click.echo(layer.source)
         for line in _head(Path(layer.source)):
             click.echo(f"  {line}")
     click.echo()
-    for nodes in dict.fromkeys(one.nodes for one in found):
-        here = [one for one in found if one.nodes == nodes]
-        plain = [one for one in here if not is_rule_table(one.value)]
-        if plain:
-            rows = [
-                (
-                    one.name,
-                    value_text(one.value),
-                    one.declaration.unit if one.declaration else "",
-                    one.declaration.description if one.declaration else "",
-                )
-                for one in plain
-            ]
+    sections: dict[str, list[Shown]] = {}
+    for shown in values:
+        sections.setdefault(shown.nodes, []).append(shown)
+    for nodes, section in sections.items():
+        rows = [
+            (
+                shown.name,
+                value_text(shown.value),
+                shown.declaration.unit if shown.declaration else "",
+                shown.declaration.description if shown.declaration else "",
+            )
+            for shown in section
+            if not is_rule_table(shown.value)
+        ]
+        if rows:
             print_table(nodes, ("parameter", "value", "unit", "what"), rows, 3, sentences=True)
         else:
             print_title(nodes)
-        for one in here:
-            if is_rule_table(one.value):
-                click.echo(f"  {one.name}\n{rule_table_text(one.value)}\n")  # type: ignore[arg-type]
+        for shown in section:
+            if is_rule_table(shown.value):
+                click.echo(f"  {shown.name}\n{rule_table_text(shown.value)}\n")  # type: ignore[arg-type]
 
 
 def _head(path: Path) -> list[str]:

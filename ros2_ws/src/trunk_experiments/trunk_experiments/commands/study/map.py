@@ -1,4 +1,4 @@
-"""``trunk map``: stability and performance over two parameters, as a picture."""
+"""``trunk study map``: stability and performance over two parameters, as a picture."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..console.complete import names_or_files, studies
-from ..console.document import json_option, write_json
-from ..console.outputs import check_output, output_options
-from ..console.progress import progress_bar
-from ..errors import PlanError
+from ...console.document import json_option, write_json
+from ...console.options import names_or_files, studies
+from ...console.outputs import check_output, output_options
+from ...console.progress import progress_bar
+from ...errors import PlanError
 from .sweep import ended, run_sweep
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Floats
 
-    from ..study.map import MapPanel
+    from ...study.map import MapPanel
 
 
 @click.command("map")
@@ -55,9 +55,9 @@ def command(
     half of the draws fell. The line of the Floquet multipliers is for the loop linearised about the upright
     trunk, with the hip driven at its initial speed and no torque limit.
     """
-    from ..study.map import draw, panels
-    from ..study.results import Results
-    from ..views.plot_style import SUFFIXES, save
+    from ...study.map import draw, panels
+    from ...study.results import Results
+    from ...views.plot_style import SUFFIXES, save
 
     path = Path(source)
     swept = path.suffix == ".parquet"
@@ -70,8 +70,8 @@ def command(
     results = Results.read(path)
     axes = choose_axes(results.grid, x, y, str(path))
     with progress_bar("Floquet multipliers") as tell:
-        found = panels(results, metric, axes, not no_floquet, tell)
-    save(draw(found, metric, axes, f"{path.stem}: {len(results.table)} runs"), target)
+        drawn = panels(results, metric, axes, not no_floquet, tell)
+    save(draw(drawn, metric, axes, f"{path.stem}: {len(results.table)} runs"), target)
     if as_json:
         values = {
             "results": path,
@@ -80,11 +80,11 @@ def command(
             "metric": metric,
             "x": axes[0],
             "y": axes[1],
-            "panels": [panel_values(panel) for panel in found],
+            "panels": [panel_values(panel) for panel in drawn],
         }
         write_json("map-1", values)
         return
-    click.echo(f"{target}: {len(found)} controllers over {axes[0]} and {axes[1]}")
+    click.echo(f"{target}: {len(drawn)} controllers over {axes[0]} and {axes[1]}")
 
 
 def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metric: str) -> str:
@@ -92,9 +92,9 @@ def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metri
 
     Raises PlanError before the first run if it cannot give a map.
     """
-    from ..study.file import read_study
-    from ..study.map import check_mappable
-    from ..study.sweep import SweepJob
+    from ...study.file import read_study
+    from ...study.map import check_mappable
+    from ...study.sweep import SweepJob
 
     if path.exists():
         raise PlanError(f"{path}: it exists: give it in place of {source}, or delete it")
