@@ -12,7 +12,7 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change, Timeline
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.doubts import late_steps
+from trunk_experiments.replay.late import late_steps
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_experiments.runs import segments
 from trunk_experiments.runs.loop import states_of

@@ -37,6 +37,7 @@ EXACT_OF_NUMPY = {
         "float64",
         "integer",
         "bool_",
+        "r_",
         "nan",
     ),
     *(
@@ -145,7 +146,7 @@ EXCEPT = {
     "draws.py": {"Generator", "SeedSequence"},
     "random_plans.py": {"default_rng", "Generator", "**"},
     "doctor.py": {"median"},
-    "late_before.py": {"median"},  # of stamps, which are whole ns
+    "late.py": {"median"},  # of stamps, which are whole ns
     "doubts.py": {"degrees", "median"},  # for words about a run
     "doubtful.py": {"degrees"},
     "quantity.py": {"**"},  # of fractions, exact

@@ -15,7 +15,7 @@ from trunk_experiments.branching.record import record_branch
 from trunk_experiments.branching.resume import resumed, state_at
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.doubts import Late, late_steps
+from trunk_experiments.replay.late import Late, late_steps
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import RecordingError

@@ -12,7 +12,8 @@ from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.doubts import Late, doubts_of, late_steps
+from trunk_experiments.replay.doubts import doubts_of
+from trunk_experiments.replay.late import Late, late_steps
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs import engine, segments
 from trunk_experiments.runs.offline_recording import record_offline

@@ -164,7 +164,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         return response
 
     def waits_for(self) -> str:
-        """Return what is known about the states if none has arrived for a second."""
+        """Return the knowledge about the states in words if none has arrived for a second."""
         before_ns, self._looked_at_ns = self._looked_at_ns, self.run_stamp_ns
         if self.run_stamp_ns > before_ns:
             return ""

@@ -178,7 +178,7 @@ def active_at(times_ns: Sequence[int], stamp_ns: int) -> bool:
 
 
 def turn(times_ns: Sequence[int], before_ns: int, stamp_ns: int) -> int:
-    """Return what the schedule asks for between two states: 1 to activate, -1 to deactivate, 0 nothing."""
+    """Return the schedule's turn between two states: 1 to activate, -1 to deactivate, 0 nothing."""
     if len(times_ns) == 0 or turns_begun(times_ns, before_ns) == turns_begun(times_ns, stamp_ns):
         return 0
     return 1 if active_at(times_ns, stamp_ns) else -1

@@ -89,7 +89,7 @@ def update(
 
 
 def describe(config: PidConfig) -> str:
-    """Return where these gains come from, or their values."""
+    """Return the origin of these gains, or their values."""
     if config.gains == AS_PRINTED:
         return "gains as printed"
     if config.gains == ZIEGLER_NICHOLS:

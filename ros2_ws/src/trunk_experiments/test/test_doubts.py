@@ -14,7 +14,8 @@ from trunk_experiments.cli import main
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import doubts
-from trunk_experiments.replay.doubts import Doubts, Late, doubts_of, late_steps
+from trunk_experiments.replay.doubts import Doubts, doubts_of
+from trunk_experiments.replay.late import Late, late_steps
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.compare import best_of
 from trunk_msgs_util import topics

@@ -27,7 +27,7 @@ class DisturbanceNode(AheadNode[DisturbanceConfig]):
         return self.config.period_ns
 
     def sample_at(self, stamp_ns: int) -> JointSample:
-        """Return what acts in the state with this stamp."""
+        """Return the disturbance in the state with this stamp."""
         disturbance = disturbance_at(stamp_ns, self._signals)
         return disturbance_sample(stamp_ns, self.config.joints, disturbance)
 

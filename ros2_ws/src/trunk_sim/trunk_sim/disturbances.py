@@ -70,7 +70,7 @@ def multisine(
 
 
 def disturbance_at(t_ns: int, s: Signals) -> Disturbance:
-    """Return what acts at a stamp in ns: for each channel, the sum of its signals.
+    """Return the disturbance at a stamp in ns: for each channel, the sum of its signals.
 
     The table is zero before its first time; after its last it stays at its last value.
     """

@@ -84,7 +84,7 @@ UNDISTURBED = Disturbed(_NONE_NS, Disturbance(), "")
 
 
 def inputs_row(stamp_ns: int, command: Command, disturbed: Disturbed) -> JointSample:
-    """Return what acts over the step from the state with this stamp, each value with its age in ns.
+    """Return the inputs of the step from the state with this stamp, each value with its age in ns.
 
     The age is -1 where nothing is in force. It is a double, exact below 104 days.
     """

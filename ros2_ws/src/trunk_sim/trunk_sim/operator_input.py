@@ -37,7 +37,7 @@ class OperatorLimits(NamedTuple):
     timeout_ns: int
 
     def apply(self, request: Applied, since_ns: int, now_ns: int) -> Applied:
-        """Return what a request taken at ``since_ns`` applies at ``now_ns``: nothing after the timeout."""
+        """Return the effect at ``now_ns`` of a request taken at ``since_ns``: nothing after the timeout."""
         return request if now_ns - since_ns <= self.timeout_ns else NOTHING
 
     def clip(self, request: Applied) -> Applied:
@@ -61,7 +61,7 @@ def with_operator(disturbance: Disturbance, applied: Applied) -> Disturbance:
 
 
 def request_of(sample: JointSample, joints: tuple[str, ...]) -> Applied:
-    """Return what a message asks for: an effort for each joint. Raises RefusedError."""
+    """Return a message's request: an effort for each joint. Raises RefusedError."""
     if sample.name != joints or len(sample.effort) != 2 or sample.position or sample.velocity:
         raise RefusedError(
             "requests of the operator malformed",
@@ -122,5 +122,5 @@ class Operator:
         return self._request if new else None
 
     def applied(self, now_ns: int) -> Applied:
-        """Return what acts on the step from this stamp on; nothing if the operator has gone silent."""
+        """Return the push on the step from this stamp on; nothing if the operator has gone silent."""
         return self._limits.apply(self._request, self._since_ns, now_ns)

@@ -169,7 +169,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._say_fall()
 
     def _pushed(self) -> Applied:
-        """Return what the operator applies over the step from the current state; publish a new request."""
+        """Return the operator's push over the step from the current state; publish a new request."""
         if self._operator is None:
             return NOTHING
         request = self._operator.new_request()

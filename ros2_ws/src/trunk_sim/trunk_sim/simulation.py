@@ -195,7 +195,7 @@ class Simulation:
         return self.config.fall_stop and self.status.fallen
 
     def link_counts(self) -> dict[str, str]:
-        """Return what became of the messages of all states so far, in words; empty without links."""
+        """Return the fate of the messages of all states so far, in words; empty without links."""
         return {} if self._wire is None else self._wire.traffic.counts(self.step_index + 1)
 
     def reset(self) -> None:

@@ -97,7 +97,7 @@ class Traffic:
         return rows[:, _USED].copy()
 
     def counts(self, steps: int) -> dict[str, str]:
-        """Return what became of the messages of the first ``steps`` steps, in words, by parameter group."""
+        """Return the fate of the messages of the first ``steps`` steps, in words, by parameter group."""
         return {
             "link.state": self._state.counts(steps).describe(),
             "link.command": self._command.counts(steps).describe(),
@@ -217,7 +217,7 @@ class _LinkTraffic(_Drawn):
         return np.array([*counts, sum(rows[:, _REORDERED].tolist())])
 
     def counts(self, steps: int) -> Counts:
-        """Return what became of the messages of the first ``steps`` steps."""
+        """Return the fate of the messages of the first ``steps`` steps."""
         return Counts(steps, *self.sums(steps).tolist())
 
 

@@ -17,7 +17,7 @@ from trunk_msgs_util import topics
 from ..errors import BenchRunError
 from ..plans.plan import RunPlan, make_plan
 from ..recorded.run import RecordedRun
-from ..replay.doubts import late_steps
+from ..replay.late import late_steps
 from ..runs.files import RunFiles
 from ..runs.graph import run_graph
 from .lockstep import FINISHED

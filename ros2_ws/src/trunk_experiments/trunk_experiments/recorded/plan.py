@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +14,13 @@ from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
-from ..plans.nodes import unknown_controllers
+from ..plans.nodes import CONTROLLERS, unknown_controllers
 from ..plans.operated import RealTimeInputs
 from ..plans.plan import RunPlan
 from .inputs import RecordedInputs
-from .run import RecordedRun, usable
+
+if TYPE_CHECKING:
+    from .run import RecordedRun
 
 
 def plan_of(run: RecordedRun, in_time: bool = False) -> RunPlan:
@@ -112,7 +115,7 @@ def why_not_again(run: RecordedRun, commanded: bool = False) -> str:
         if not commanded:
             return f"{gave}: trunk branch --controller NAME lets one of ours take over"
         return "no parameters of simulator recorded" if missing else ""
-    if not run.controllers or not set(run.controllers) <= set(usable()):
+    if not run.controllers or not set(run.controllers) <= set(CONTROLLERS):
         return unknown_controllers(run.controllers) or "no controller was recorded"
     missing = {*run.controllers, "simulator"} - set(run.parameters)
     if missing:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from math import inf
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,11 @@ from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.units import nanoseconds, seconds
 
 from ..plans.timeline import begins_active
-from .run import RecordedRun
 
 Bools: TypeAlias = NDArray[np.bool_]
+
+if TYPE_CHECKING:
+    from .run import RecordedRun
 
 
 class Turn(NamedTuple):

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from math import degrees
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +19,10 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.events import Event, as_count
 from trunk_msgs_util.recording.topic import fields_of
-from trunk_msgs_util.source import ARRIVAL, ARRIVALS
+from trunk_msgs_util.source import ARRIVALS
 from trunk_msgs_util.units import NANOSECONDS, seconds
+
+from .late import late_steps
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers
@@ -32,13 +34,6 @@ MOST_STEPS = 4_000_000  # of the integrator, likewise
 LONGEST_TWIN = 200_000  # states that are simulated again to tell how far a run was moved
 # A state is far from the one before it beyond this time and this many of the usual steps.
 _FAR_NS, _FAR_STEPS = NANOSECONDS, 100
-
-
-class Late(NamedTuple):
-    """Steps that were made without the answer to their state, of how many."""
-
-    late: int
-    steps: int
 
 
 @dataclass(frozen=True)
@@ -268,51 +263,6 @@ def _unfinished(recording: Recording) -> str:
     """Return why a file that gives no reason is not whole; another program may have recorded it."""
     stranger = recording.unfinished.startswith("recorded by")
     return recording.unfinished if stranger else "the recorder did not finish this file"
-
-
-def late_steps(run: RecordedRun) -> Late | None:
-    """Return how many steps were made without the answer to their state; None where time was exact.
-
-    A step is in time if the command in force answers its state or, where a controller answers only some
-    states, the last of those; and if the disturbance in force is that of its state. Both are on record.
-    A node of somebody else's that answers fewer states than there are has a rate of its own: it may be one
-    state off. A command without a state's stamp is neither late nor in time.
-    """
-    if run.mode != "real_time" or "simulator" not in run.parameters:
-        return None
-    if not run.count(topics.PLANT_INPUTS):
-        from .late_before import late_steps_by_torque  # in recordings of earlier versions
-
-        return late_steps_by_torque(run)
-    from ..recorded.inputs import NO_SOURCE, RecordedInputs
-
-    stamps = np.unique(run.table(topics.GROUND_TRUTH).stamp_ns)[:-1]
-    inputs = RecordedInputs(run, stamps)
-    force = inputs.over(slice(None))
-    periods = {name: run.config(name).period_ns for name in run.judgeable}
-    step_ns = run.config("simulator").period_ns
-    every_ns = [
-        _usual_gap_ns(run, step_ns)
-        if name == NO_SOURCE
-        else max(periods.get(name.partition("@")[0], 0), step_ns)
-        for name in inputs.sources
-    ]
-    age_ns = stamps - force.command_ns
-    late = (force.command_ns < 0) | (age_ns >= np.array(every_ns)[force.command_source])
-    if run.external:
-        late &= np.array([name != ARRIVAL for name in inputs.sources])[force.command_source]
-        late &= (force.command_ns >= 0).any()
-    if run.count(topics.DISTURBANCE):
-        late |= force.disturbance_ns != stamps
-    return Late(int(np.count_nonzero(late)), len(stamps))
-
-
-def _usual_gap_ns(run: RecordedRun, step_ns: int) -> int:
-    """Return how old a stranger's command may be before it is late, ns, by the states that it answered."""
-    stamps = np.unique(run.table(topics.EFFORT_COMMAND).stamp_ns)
-    gaps = np.diff(stamps[(stamps >= 0) & (stamps % step_ns == 0)]) // step_ns
-    usual = int(np.bincount(np.minimum(gaps, 10_000)).argmax()) if len(gaps) else 1
-    return step_ns if usual <= 1 else (usual + 1) * step_ns
 
 
 def moved_deg(run: RecordedRun) -> float | None:
