@@ -38,6 +38,7 @@ EXACT_OF_NUMPY = {
         "integer",
         "bool_",
         "r_",
+        "atleast_1d",
         "nan",
     ),
     *(

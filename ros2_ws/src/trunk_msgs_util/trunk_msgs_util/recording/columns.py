@@ -116,7 +116,7 @@ def joint_names(recording: Recording, topic: str) -> tuple[str, ...]:
     return ()
 
 
-class _Loader:
+class _TopicLoader:
     """Takes a topic's messages in their order, into arrays of full length."""
 
     def __init__(self, count: int) -> None:
@@ -140,7 +140,7 @@ class _Loader:
         self._stamp_ns[rows] = stamps(array)
 
 
-class _SeriesLoader(_Loader):
+class _SeriesLoader(_TopicLoader):
     """Loads some columns, whatever else a message carries."""
 
     def __init__(self, count: int, columns: Iterable[Column]) -> None:
@@ -163,7 +163,7 @@ class _SeriesLoader(_Loader):
         return Series(self._stamp_ns[rows], columns)
 
 
-class ColumnLoader(_Loader):
+class ColumnLoader(_TopicLoader):
     """Loads all columns of a topic whose messages all have the same names and quantities.
 
     Their frames may differ, as where another controller takes over.
