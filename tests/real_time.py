@@ -16,7 +16,7 @@ from trunk_experiments.plans.operated import RealTimeInputs
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.recorded.inputs import NO_SOURCE
 from trunk_experiments.runs.engine import states_of_run
-from trunk_experiments.runs.loop import states_of
+from trunk_experiments.runs.loop_inputs import states_of
 from trunk_experiments.runs.offline import disturbance_source
 from trunk_experiments.runs.offline_recording import OfflineRecorder, Within
 from trunk_msgs_util import topics

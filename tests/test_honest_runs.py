@@ -15,7 +15,7 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.late import late_steps
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_experiments.runs import segments
-from trunk_experiments.runs.loop import states_of
+from trunk_experiments.runs.loop_inputs import states_of
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event

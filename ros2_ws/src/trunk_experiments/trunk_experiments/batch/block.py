@@ -25,7 +25,7 @@ from ..analysis.metrics import RunMetrics, metrics_of, steady_from
 from ..analysis.sums import Sums, no_rows
 from ..errors import PlanError
 from ..plans.plan import RunPlan
-from ..runs.loop import check_compilable
+from ..runs.loop_inputs import check_compilable
 from .cells import LEFT, MEMORY, PARAMETERS, STATE, SUMS
 from .closed_loop import Batch
 from .columns import LANES, in_common, row_values, shared

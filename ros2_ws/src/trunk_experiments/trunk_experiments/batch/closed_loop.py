@@ -26,18 +26,13 @@ from ..analysis.metrics import RunMetrics, metrics
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan
-from ..runs.loop import (
-    DIVERGED,
-    Chain,
-    Decision,
-    LoopState,
-    Surroundings,
+from ..runs.loop import DIVERGED, Chain, Decision, LoopState, Surroundings, segment_of
+from ..runs.loop_inputs import (
     beginning,
     chain_of,
     check_compilable,
     for_compiler,
     participants_of,
-    segment_of,
     states_of,
     surroundings_of,
 )

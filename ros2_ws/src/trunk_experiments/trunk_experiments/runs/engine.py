@@ -18,21 +18,21 @@ from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
-from trunk_sim.noise import noise_samples
 from trunk_sim.plant import PlantState
 from trunk_sim.simulation import DivergedError, diverged
 from trunk_sim.step import PlantStatus, act, at_rest, noisy
 
 from ..errors import PlanError
-from ..plans.operated import Operated
 from ..plans.plan import RunPlan
 from ..plans.timeline import Change, Timeline, begins_active
-from .loop import (
-    DIVERGED,
-    FELL,
-    LoopState,
+from .loop import DIVERGED, FELL, LoopState
+from .loop_inputs import (
+    NoiseRows,
+    PlannedSchedule,
+    Seen,
     beginning,
     chain_of,
+    copied,
     states_of,
     surroundings_of,
     values_in,
@@ -103,8 +103,6 @@ def states_of_run(plan: RunPlan, compiled: bool | None = None) -> Iterator[State
 
 # The schedule of the states with indices in [first, stop).
 Given = Callable[[int, int], Schedule]
-# The angle that a controller saw at a stamp, rad; None: it saw no state then.
-Seen = Callable[[str, int], "float | None"]
 
 
 class RecordSource(NamedTuple):
@@ -147,7 +145,7 @@ class Engine:
         longer = wire_of(start.simulator.network, states_of(plan)) if start.first else start.wire
         self._wire = continued(start.wire, longer, start.first)
         self._record = record
-        planned = _Planned(plan)
+        planned = PlannedSchedule(plan)
         self._given = planned if record is None else record.given
         self._stamps = None if record is None else record.stamps
         seen = planned.seen if record is None else record.seen
@@ -163,7 +161,7 @@ class Engine:
         self._of_disturbance = None if plan.disturbance is None else plan.timeline("disturbance")
         self._of_simulator.advance(self._stamp_ns(self.index) if self.index else -1)
         self._length = longest(plan.simulator.substeps)
-        self._noise = _Noise(plan.simulator.seed, self._length)
+        self._noise = NoiseRows(plan.simulator.seed, self._length)
         self._compiled = compiled
         self._code: Code | None = None
 
@@ -229,7 +227,7 @@ class Engine:
             falls,
             self._history.copy(),
             self._side.remembered,
-            _copied(self._wire),
+            copied(self._wire),
             by_hand=True,
         )
 
@@ -351,65 +349,3 @@ class _PlantSide:
         """Return the plant to its initial state; the sensors forget the past."""
         self.trunk = at_rest(self.config.initial_state, self.config.plant)
         self.remembered, self.anew = self.index, True
-
-
-class _Planned:
-    """What came from outside, by the plan: pushes, references by topic, a real-time run's inputs."""
-
-    def __init__(self, plan: RunPlan) -> None:
-        self._period_ns = plan.simulator.period_ns
-        self._references = plan.references
-        self._operated = Operated(plan.pushes, plan.simulator.operator_limits)
-        self._inputs = plan.inputs
-        self._names = list(plan.controllers)
-        self.seen: Seen | None = None if plan.inputs is None else self._angle
-
-    def _angle(self, name: str, stamp_ns: int) -> float | None:
-        return None if self._inputs is None else self._inputs.seen.get(stamp_ns)
-
-    def __call__(self, first: int, stop: int) -> Schedule:
-        """Return the schedule of the states with indices in [first, stop)."""
-        schedule = Schedule()
-        stamps = np.arange(first, stop) * self._period_ns
-        if self._operated:
-            schedule = schedule._replace(push=self._operated.over(stamps))
-        if self._references:
-            values = [self._references.get(at, np.nan) for at in stamps.tolist()]
-            schedule = schedule._replace(reference=np.array(values))
-        if (inputs := self._inputs) is not None:
-            answered = [np.isin(stamps, inputs.answered[name]) for name in self._names]
-            schedule = schedule._replace(
-                disturbance=inputs.disturbance[first:stop],
-                reads=np.ascontiguousarray(np.array(answered, np.int64).T),
-            )
-        return schedule
-
-
-class _Noise:
-    """The sensors' samples, many at a time, so that compiled code draws them."""
-
-    _WINDOWS = 16
-
-    def __init__(self, seed: int, length: int) -> None:
-        self._seed = seed
-        self._length = length * self._WINDOWS
-        self._first = -1
-        self._samples: Floats = np.zeros((1, 2))
-        self._none: Floats = np.zeros((1, 2))
-
-    def rows(self, first: int, stop: int, needed: bool) -> Floats:
-        """Return the samples of the states in [first, stop), which must lie in one block of samples."""
-        if not needed:
-            return self._none
-        begin = first - first % self._length
-        if begin != self._first:
-            self._first = begin
-            self._samples = noise_samples(self._seed, self._length, begin)
-        return self._samples[first - begin : stop - begin]
-
-
-def _copied(wire: Wire | None) -> Wire | None:
-    """Return links with their own messages in flight."""
-    if wire is None:
-        return None
-    return wire._replace(readings=wire.readings.copy(), commands=wire.commands.copy())

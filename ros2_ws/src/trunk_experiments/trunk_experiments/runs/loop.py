@@ -7,19 +7,13 @@ a run is verified. CPython runs the loop as it is, and numba compiles it unchang
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable
 from math import nan
 from typing import Any, NamedTuple
 
-from trunk_control.controller import hip_index
-from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import Output, Reading, Settings, decide
 from trunk_control.law import Hip, Law
-from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
-from trunk_msgs_util.units import nanoseconds, step_count
-from trunk_sim.config import SimulatorConfig
-from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState
 from trunk_sim.simulation import Act
@@ -29,14 +23,10 @@ from trunk_sim.step import (
     PlantStatus,
     SensorParameters,
     act,
-    pruned,
     sense,
     timely_effort,
 )
 
-from ..errors import PlanError
-from ..plans.plan import RunPlan, check_turns
-from .offline import check
 from .schedule import (
     Schedule,
     Wire,
@@ -332,86 +322,3 @@ def segment_of(
     names = [keep.__name__, *(law.update.__module__ for law in laws)]
     segment.__name__ = segment.__qualname__ = "_".join(["segment", *names])
     return segment
-
-
-def check_compilable(plan: RunPlan) -> None:
-    """Raise PlanError for a plan that a batch's compiled loop, one segment a run, cannot model."""
-    check(plan)
-    check_turns(plan)
-    if plan.changes:
-        raise PlanError(
-            f"{', '.join(plan.changes)}: parameters and turns that change by hand while the run goes "
-            "on are not compiled: give active.times, or use simulate"
-        )
-    if plan.references:
-        raise PlanError("references that come by topic are not compiled: use simulate")
-    if plan.pushes:
-        raise PlanError("what an operator does is not compiled: use simulate")
-    if plan.inputs is not None:
-        raise PlanError("what the wall clock decided is not compiled: use simulate")
-
-
-def states_of(plan: RunPlan) -> int:
-    """Return the number of states of a plan's run to its end."""
-    return step_count(plan.simulator.duration, plan.simulator.update_rate) + 1
-
-
-def surroundings_of(
-    simulator: SimulatorConfig,
-    disturbance: DisturbanceConfig | None,
-    wire: Wire | None = None,
-    remembered: int = 0,
-) -> Surroundings:
-    """Return what surrounds the controllers while these configurations are in force."""
-    return Surroundings(
-        simulator.plant,
-        simulator.sensor,
-        _QUIET_SIGNALS if disturbance is None else disturbance.signals,
-        disturbance is not None,
-        simulator.delay_steps,
-        remembered,
-        simulator.period_ns,
-        nanoseconds(simulator.command_timeout),
-        simulator.fall_stop,
-        wire,
-    )
-
-
-def for_compiler(surroundings: Surroundings) -> Surroundings:
-    """Return the surroundings as compiled code takes them: tuples as arrays, False flags as None."""
-    s = surroundings
-    return s._replace(plant=pruned(s.plant), signals=with_arrays(s.signals))
-
-
-def participants_of(
-    controllers: Iterable[tuple[ControllerConfig, Settings, Any]], joints: Sequence[str]
-) -> Chain:
-    """Return the participants with these configurations, settings and constants, in their order."""
-    chain: Chain = ()
-    for config, settings, constants in reversed(list(controllers)):
-        hip = hip_index(config, joints)
-        chain = (Participant(settings, constants, -1 if hip is None else hip), chain)
-    return chain
-
-
-def chain_of(values: Sequence[Any]) -> Chain:
-    """Return values as nested pairs."""
-    chain: Chain = ()
-    for value in reversed(values):
-        chain = (value, chain)
-    return chain
-
-
-def values_in(chain: Chain) -> Iterator[Any]:
-    """Yield the values of nested pairs."""
-    while chain:
-        value, chain = chain
-        yield value
-
-
-def beginning(trunk: PlantStatus, memories: Chain) -> LoopState:
-    """Return the loop before the first state."""
-    return LoopState(trunk, memories, 0.0, 0, False, 0.0, _QUIET)
-
-
-_QUIET_SIGNALS = Signals(0, (), 0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0.0, (), (), 0, True, (), ())

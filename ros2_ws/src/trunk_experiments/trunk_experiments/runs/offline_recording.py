@@ -27,7 +27,7 @@ from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 from ..plans.timeline import Change
 from .engine import states_of_run
-from .loop import states_of
+from .loop_inputs import states_of
 from .offline import disturbance_source
 from .state_messages import FELL, PICTURE, PLACES, TURNED, StateMessages
 from .states import APPLIED, POSITION, REFERENCE, VELOCITY, States, longest

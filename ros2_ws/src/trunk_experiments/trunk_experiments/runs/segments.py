@@ -12,7 +12,8 @@ from trunk_sim.simulation import act_for, plant_for, worth_compiling
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
-from .loop import LoopState, Surroundings, for_compiler, participants_of, segment_of
+from .loop import LoopState, Surroundings, segment_of
+from .loop_inputs import for_compiler, participants_of
 from .schedule import Schedule
 from .states import keep_states, tell_terms
 
