@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.replay.invariants import _LATER
+from trunk_experiments.replay.parameter_invariants import _LATER
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
