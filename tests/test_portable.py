@@ -37,8 +37,6 @@ EXACT_OF_NUMPY = {
         "float64",
         "integer",
         "bool_",
-        "r_",
-        "atleast_1d",
         "nan",
     ),
     *(

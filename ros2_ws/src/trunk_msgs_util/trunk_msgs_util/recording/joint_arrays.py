@@ -198,7 +198,10 @@ def decode(messages: Messages) -> JointArrays:
 
 def _in_order(parts: Sequence[tuple[Rows, JointArrays]]) -> JointArrays:
     """Return messages in the order of their rows; names are in that of their first appearance."""
-    numbered = [(np.atleast_1d(np.r_[rows]), part) for rows, part in parts]
+    numbered = [
+        (np.arange(rows.start, rows.stop) if isinstance(rows, slice) else rows, part)
+        for rows, part in parts
+    ]
     numbered.sort(key=lambda part: int(part[0][0]))
     joined = concatenate([part for _, part in numbered])
     return joined.rows(np.argsort(np.concatenate([rows for rows, _ in numbered]), kind="stable"))
