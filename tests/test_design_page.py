@@ -41,3 +41,17 @@ def test_the_picture_shows_the_contracts():
     picture = drawn()
     assert list(picture) == layers.pop("The four packages")
     assert {package: found for package, found in picture.items() if found} == layers
+
+
+def test_what_the_page_points_to_is_there():
+    page = (ROOT / "docs" / "design.md").read_text()
+    table = page.split("## Where is …?\n", 1)[1].split("\n\n`trunk verify` runs", 1)[0]
+    rows = [line.split("|")[2:4] for line in table.splitlines()[3:]]
+    assert len(rows) >= 15
+    for file, functions in rows:
+        path = file.strip(" `")
+        package = path.split("/")[0]
+        text = (ROOT / "ros2_ws" / "src" / package / path).read_text()
+        name = re.search(r"`(\w+)(?:\.(\w+))?`", functions)
+        for part in filter(None, name.groups()):
+            assert re.search(rf"(def|class) {part}\b", text), (path, part)

@@ -129,11 +129,7 @@ def combine(
             integral = i_term / ki
     d_term = kd * derivative
     u = p_term + i_term + d_term + feedforward
-    effort = u
-    if u > limits.u_max:
-        effort = limits.u_max
-    elif u < limits.u_min:
-        effort = limits.u_min
+    effort = limited(u, limits)
     if effort != u:
         if limits.antiwindup == ANTIWINDUP_CONDITIONAL_INTEGRATION:
             if u * error > 0.0:

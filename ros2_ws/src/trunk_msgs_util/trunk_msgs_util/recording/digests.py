@@ -11,7 +11,7 @@ do not depend on compression or on the limits of chunks:
 - ``header``: profile and library of the file; ``attachments``: how many there are.
 
 They are not a secret: whoever rewrites a recording can write new digests. A signature over them
-(`signature`) says who vouches for it.
+(`signing.signature`) says who vouches for it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """`ChunkedWriter`: an MCAP file in chunks, byte for byte what ``mcap.writer.Writer`` makes of the same calls.
 
 The library takes ten microseconds for a message, most of what recording costs. Here a message is packed
-once, and checksums, digests and index are made chunk by chunk. All other records are the library's own.
+once; checksums and index are made chunk by chunk. All other records are the library's own.
 """
 
 from __future__ import annotations
