@@ -19,6 +19,7 @@ from trunk_control.limits import ANTIWINDUP_BACK_CALCULATION, Limits
 from trunk_control.lqr import lqr_update
 from trunk_control.pid import PidConfig
 from trunk_control.pid_family import Gains, PidState, combine, error_derivative
+from trunk_experiments.paper.errata import ERRATA
 from trunk_experiments.tuning.linear import linearise
 from trunk_experiments.tuning.methods import ziegler_nichols
 from trunk_msgs_util.mechanics import (
@@ -291,3 +292,19 @@ def test_each_function_that_an_equation_links_to_is_there():
     for names, path in links:
         for name in re.findall(r"`(\w+)`", names):
             assert f"\ndef {name}(" in (ROOT / path).read_text(encoding="utf-8"), (name, path)
+
+
+def test_the_paper_page_lists_each_erratum_as_it_is_shown():
+    page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    table = page.split("\n## Errata\n")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| (.+?) \| (.+?) \| (.+?) \|$", table, re.MULTILINE)[1:]
+    letters = {r"\tau": "τ", "_": "", "{": "", "}": "", "$`": "", "`$": "", "row of τ": "τ row"}
+    letters |= {"row of x": "x row"}
+    places = []
+    for where, *_ in rows:
+        for latex, letter in letters.items():
+            where = where.replace(latex, letter)
+        places.append(where)
+    assert places == [erratum.where for erratum in ERRATA]
+    misprints = [", not a misprint" not in erratum.correct for erratum in ERRATA]
+    assert misprints == [", not a misprint" not in correct for *_, correct in rows]
