@@ -98,11 +98,17 @@ def test_discrete_lqr_costs_least_of_all_sampled_gains(start):
     period = 0.01
     best = by_lqr(PLANT, *WEIGHTS, period)
     least = cost_of(best, start, period)
-    for others in (
-        by_lqr(PLANT, *WEIGHTS),
-        *(best._replace(**{n: getattr(best, n) * f}) for n in "pid" for f in (0.97, 1.03)),
-    ):
-        assert cost_of(others, start, period) > least
+    assert cost_of(by_lqr(PLANT, *WEIGHTS), start, period) > least
+    for (
+        name
+    ) in "pid":  # where the parabola through three costs has its vertex, as a factor on the gain
+        below, above = (
+            cost_of(best._replace(**{name: getattr(best, name) * f}), start, period)
+            for f in (0.98, 1.02)
+        )
+        vertex = 0.01 * (below - above) / (below - 2.0 * least + above)
+        assert min(below, above) > least
+        assert vertex == pytest.approx(0.0, abs=5e-4)
 
 
 def test_discrete_lqr_approaches_the_continuous_one():
