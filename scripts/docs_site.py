@@ -1,6 +1,7 @@
 """MkDocs' hook, for scripts/docs.sh: pages from outside docs/, and links to files of the repository.
 
 What `mkdocs build --strict` cannot know is checked here: the target of a link or a path in backticks exists.
+Mathematics, written as GitHub and GitLab render it, becomes MathML: no script, no fonts, no other host.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 
 if TYPE_CHECKING:
@@ -28,6 +30,10 @@ COPIES = "source"  # folder in the site with the files of the repository that pa
 
 _LINK = re.compile(r"(?<=\]\()([^)#:\s]+)(?=[)#])")
 _PATH = re.compile(r"`((?:docs|docker|examples|requirements|scripts|tests)/[\w./-]+)`")
+_DISPLAYED = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_INLINE = re.compile(r"\$`([^`]+)`\$")
+_FUNCTION = re.compile(r"(<mi>(?:sin|cos)</mi>)(?!<mo stretchy=\"false\">&#x00028;)")
+_PRIME = re.compile(r"<(msup|msubsup)>((?:(?!</?\1>).)*)<mi>(&#x0203[23];)</mi></\1>")
 _log = logging.getLogger("mkdocs.hooks.docs_site")
 
 
@@ -51,6 +57,27 @@ def rewritten(page: str, text: str) -> str:
         return in_site(target) if (ROOT / target).is_file() else match[1]
 
     return _LINK.sub(link, text)
+
+
+def mathml(formula: str, display: str) -> str:
+    """Return a formula in LaTeX as MathML, "inline" or as a "block"."""
+    formula = formula.replace("{aligned}", "{split}")  # the converter's name for it
+    # Browsers leave no space between a function and an argument without parentheses, and shrink a prime
+    # that has the size of a superscript already.
+    text = _FUNCTION.sub(r'\1<mspace width="0.17em"/>', convert(formula, display=display))
+    return _PRIME.sub(_with_prime, text)
+
+
+def _with_prime(match: re.Match[str]) -> str:
+    base = match[2] if match[1] == "msup" else f"<msub>{match[2]}</msub>"
+    return f'<mrow>{base}<mo lspace="0" rspace="0">{match[3]}</mo></mrow>'
+
+
+def typeset(text: str) -> str:
+    """Return a page's text with its mathematics as MathML."""
+    text = _DISPLAYED.sub(lambda match: mathml(match[1], "block"), text)
+    # In a span, as Markdown takes a line that begins with <math> for a block.
+    return _INLINE.sub(lambda match: f"<span>{mathml(match[1], 'inline')}</span>", text)
 
 
 def copied(page: str, text: str) -> set[str]:
@@ -82,7 +109,7 @@ def on_files(files: Files, *, config: Any, **_: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Rewrite a page's links; the pages from outside docs/ have theirs already."""
-    if page.file.generated_by:
-        return markdown
-    return rewritten(f"docs/{page.file.src_uri}", markdown)
+    """Rewrite a page's links and mathematics; the pages from outside docs/ have their links already."""
+    if not page.file.generated_by:
+        markdown = rewritten(f"docs/{page.file.src_uri}", markdown)
+    return typeset(markdown)

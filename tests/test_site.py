@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 from pathlib import Path
@@ -44,6 +45,29 @@ def test_each_page_is_there_and_asks_no_other_host_for_anything(site):
         assert [link for link in wanted if re.match(r"\w+:|//", link)] == [], page.name
     for style in site.rglob("*.css"):
         assert not re.search(r"(?:url\(|@import)\s*[\"']?(?:https?:)?//", style.read_text("utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("query", "page"),
+    [
+        ("equation of motion", "model"),
+        ("bode", "model"),
+        ("sign convention", "model"),
+        ("verdict", "concepts"),
+    ],
+)
+def test_search_leads_to_the_page_whose_heading_it_is(site, query, page):
+    # The search box ranks headings far above text: the words are in those of one page only.
+    sections = json.loads((site / "search" / "search_index.json").read_text(encoding="utf-8"))[
+        "docs"
+    ]
+    words = [word for word in query.split() if word != "of"]
+    pages = {
+        section["location"].split("#")[0]
+        for section in sections
+        if all(word in section["title"].lower() for word in words)
+    }
+    assert pages == {f"{page}.html"}
 
 
 def test_broken_links_are_refused(site, tmp_path):

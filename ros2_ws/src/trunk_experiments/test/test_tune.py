@@ -55,6 +55,73 @@ def test_by_lqr_gives_the_nodes_defaults():
     assert gains == pytest.approx(LqrConfig().gains, rel=1e-5)
 
 
+WEIGHTS = 0.1, np.radians(6.0), 1.0, 5.0
+
+
+def cost_of(gains, start, period):
+    """The cost of LQR's sampled loop from a state (law's integral, angle, rate): Simpson's rule."""
+    fine, weights = 10, np.array([value**-2 for value in WEIGHTS])
+    step, rate = period / fine, np.sqrt(PLANT.a)
+    over = np.array(
+        [
+            [np.cosh(rate * step), np.sinh(rate * step) / rate],
+            [rate * np.sinh(rate * step), np.cosh(rate * step)],
+        ]
+    )
+    simpson = np.array([1.0] + [4.0, 2.0] * (fine // 2 - 1) + [4.0, 1.0]) * step / 3.0
+    total, (integral, *moving) = 0.0, start
+    for _ in range(1500):
+        torque = -(gains.i * integral + gains.p * moving[0] + gains.d * moving[1])
+        rest = np.array([-PLANT.b * torque / PLANT.a, 0.0])
+        points = [(integral, *moving)]
+        for _ in range(fine):  # the integral goes on from the law's by Simpson's rule, too
+            before = np.array(moving)
+            half = half_a_step_on(before - rest, rate, step) + rest[0]
+            moving = over @ (before - rest) + rest
+            area = (before[0] + 4.0 * half + moving[0]) * step / 6.0
+            points.append((points[-1][0] + area, *moving))
+        squares = np.column_stack([np.square(points), np.full(fine + 1, torque**2)])
+        total += simpson @ squares @ weights
+        integral += period * moving[0]
+    assert np.max(np.abs([integral, *moving])) < 1e-6
+    return total
+
+
+def half_a_step_on(offset, rate, step):
+    """The angle half a step on, from an offset to where gravity and torque balance."""
+    return offset[0] * np.cosh(rate * step / 2) + offset[1] * np.sinh(rate * step / 2) / rate
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [(0.01, 0.0, 0.0), (0.0, 0.1, 0.0), (0.01, -0.1, 0.3)], ids=str)
+def test_discrete_lqr_costs_least_of_all_sampled_gains(start):
+    period = 0.01
+    best = by_lqr(PLANT, *WEIGHTS, period)
+    least = cost_of(best, start, period)
+    assert cost_of(by_lqr(PLANT, *WEIGHTS), start, period) > least
+    for (
+        name
+    ) in "pid":  # where the parabola through three costs has its vertex, as a factor on the gain
+        below, above = (
+            cost_of(best._replace(**{name: getattr(best, name) * f}), start, period)
+            for f in (0.98, 1.02)
+        )
+        vertex = 0.01 * (below - above) / (below - 2.0 * least + above)
+        assert min(below, above) > least
+        assert vertex == pytest.approx(0.0, abs=5e-4)
+
+
+def test_discrete_lqr_approaches_the_continuous_one():
+    continuous = by_lqr(PLANT, *WEIGHTS)
+    assert by_lqr(PLANT, *WEIGHTS, 1e-6) == pytest.approx(continuous, rel=1e-4)
+    assert by_lqr(PLANT, *WEIGHTS, 0.01).i == pytest.approx(0.91 * continuous.i, rel=0.01)
+
+
+def test_tune_lqr_discrete_takes_the_rate():
+    run = CliRunner().invoke(trunk, ["tune", "lqr", "--discrete", "--rate", "100"])
+    assert "gains.i               45.5897" in run.output, run.output
+
+
 def test_the_relay_agrees_with_routh():
     plant = Linear(PLANT.a, PLANT.b, c=4.0, lag=0.02)
     found = relay(plant, 1.0)

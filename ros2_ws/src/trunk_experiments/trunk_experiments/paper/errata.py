@@ -26,7 +26,7 @@ KU, TU = 100.0, 1.2  # as printed, except for the sign: N m/rad, s
 
 
 class Erratum(NamedTuple):
-    """A misprint: where, what is printed, what is right."""
+    """A misprint, or in one case an odd convention: where, what is printed, what is right."""
 
     where: str
     printed: str
@@ -42,7 +42,7 @@ def lagrange() -> dict[str, Any]:
     """
     big, m, length, g = sp.symbols("M m l g", positive=True)
     names = ("x", "th", "xd", "thd", "xdd", "thdd")
-    x, th, xd, thd, xdd, thdd = sp.symbols(" ".join(names), real=True)
+    x, th, xd, thd, xdd, thdd = sp.symbols("x θ ẋ θ̇ ẍ θ̈", real=True)
     com_x, com_y = xd + length * thd * sp.cos(th), xd * sp.cos(x) - length * thd * sp.sin(th)
     kinetic = big * xd**2 * (1 + sp.cos(x) ** 2) / 2 + m * (com_x**2 + com_y**2) / 2
     potential = big * g * sp.sin(x) + m * g * (length * sp.cos(th) + sp.sin(x))
@@ -67,11 +67,16 @@ def lagrange() -> dict[str, Any]:
     }
 
 
+def mathematics(values: object) -> str:
+    """Return expressions as they are written by hand: ``m l² sin(θ)``."""
+    return str(values).replace("**2", "²").replace("*", " ").replace("-", "−")
+
+
 def _row_difference(name: str, printed: Callable[[dict[str, Any]], Any]) -> tuple[bool, str]:
     """Return whether a printed row differs from the derived one, and by what."""
     s = lagrange()
     left = sp.simplify(sp.expand(printed(s) - s[name]))
-    return left != 0, f"printed minus derived (SymPy, from eq. 7) = {left}, not 0"
+    return left != 0, f"printed minus derived (SymPy, from eq. 7) = {mathematics(left)}, not 0"
 
 
 def _force() -> tuple[bool, str]:
@@ -79,7 +84,7 @@ def _force() -> tuple[bool, str]:
     inertia = sp.expand(s["row_th"]).coeff(s["thdd"])
     return (
         sp.diff(s["momentum"], s["thdd"]) == 0 and sp.simplify(inertia - s["m"] * s["l"] ** 2) == 0,
-        f"the left side of (1) contains {inertia}·θ̈, a torque in N·m; the momentum ∂L/∂θ̇ contains no θ̈",
+        f"(1) has {mathematics(inertia)} θ̈ on its left, a torque in N·m; the momentum ∂L/∂θ̇ has no θ̈",
     )
 
 
@@ -112,21 +117,30 @@ def _v22() -> tuple[bool, str]:
     derived = sp.expand(s["row_x"]).coeff(s["thd"], 2)
     printed = -s["m"] * s["l"] * (sp.sin(s["th"]) + sp.cos(s["th"])) * sp.cos(s["x"])
     left = sp.simplify(printed - derived)
-    return left != 0, f"θ̇² in the x row is {sp.factor(derived)}; printed minus derived = {left}"
+    return left != 0, (
+        f"θ̇² in the x row is {mathematics(sp.factor(derived))}; "
+        f"printed minus derived = {mathematics(left)}"
+    )
 
 
 def _mass_matrix() -> tuple[bool, str]:
     s = lagrange()
-    rows = (s["row_th"], s["row_x"])  # the printed order
-    printed = sp.Matrix([[sp.expand(r).coeff(a) for a in (s["xdd"], s["thdd"])] for r in rows])
+    derived = [  # the equations of x and of θ
+        [sp.expand(s[row]).coeff(s[a]) for a in ("xdd", "thdd")] for row in ("row_x", "row_th")
+    ]
+    coupling = s["m"] * s["l"] * (sp.cos(s["th"]) - sp.cos(s["x"]) * sp.sin(s["th"]))
+    inertia = (s["M"] + s["m"]) * (1 + sp.cos(s["x"]) ** 2)
+    printed = sp.Matrix([[coupling, s["m"] * s["l"] ** 2], [inertia, coupling]])
+    equal = (printed - sp.Matrix(derived[::-1])).expand() == sp.zeros(2)
     numbers = {s["M"]: 2, s["m"]: sp.Rational(1, 2), s["l"]: 1}
-    found = sp.lambdify((s["x"], s["th"]), printed.det().subs(numbers))
+    determinant = sp.lambdify((s["x"], s["th"]), printed.det().subs(numbers))
     angles = np.linspace(-pi, pi, 181)
-    x, theta = np.meshgrid(angles, angles)
-    largest = float(np.max(found(x, theta)))
-    return largest < 0.0 and printed[0, 1] != printed[1, 0], (
-        f"determinant of the printed M at most {largest:.4g} over all x and θ (181 × 181 points), "
-        f"entries (1,2) = {printed[0, 1]} and (2,1) = {printed[1, 0]}"
+    largest = float(np.max(determinant(*np.meshgrid(angles, angles))))
+    return equal and largest < 0.0 and printed[0, 1] != printed[1, 0], (
+        "the printed rows are those of θ and of x, in the order of U = [τ; 0]: the same two equations. "
+        f"M is then not symmetric, entries (1,2) = {mathematics(printed[0, 1])} and (2,1) = "
+        f"{mathematics(printed[1, 0])}, and its determinant at most {largest:.4g} over all x and θ "
+        "(181 × 181 points): it can be inverted all the same"
     )
 
 
@@ -144,8 +158,9 @@ def _gravity() -> tuple[bool, str]:
     prints = Body(as_printed=True)
     rises = accelerations(PlantState(pi / 2, lean, 0.0, 0.0), 0.0, 0.0, prints)[1]
     return turned and falls > 0.0 > rises, (
-        f"derived G = {derived}, the printed one is its negative; leaning by {lean:g} rad the trunk "
-        f"accelerates by {falls:+.4f} rad/s² (it falls), as printed by {rises:+.4f} (it rises by itself)"
+        f"derived G = {mathematics(derived)}, the printed one is its negative; leaning by {lean:g} rad "
+        f"the trunk accelerates by {falls:+.4f} rad/s² (it falls), as printed by {rises:+.4f} (it rises "
+        "by itself)"
     )
 
 
@@ -278,7 +293,7 @@ ERRATA = (
     Erratum(
         "under (11), M",
         "rows in the order (θ, x) against Z = [x, θ]",
-        "rows swapped: symmetric, positive determinant",
+        "unconventional, not a misprint, as U = [τ; 0]; with rows swapped it is symmetric",
         _mass_matrix,
     ),
     Erratum("under (11), G", "both signs: gravity points up", "both reversed", _gravity),

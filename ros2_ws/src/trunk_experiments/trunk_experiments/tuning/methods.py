@@ -7,7 +7,7 @@ from math import inf, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm, solve_continuous_are
+from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 from scipy.optimize import brentq
 from scipy.signal import place_poles
 
@@ -38,12 +38,15 @@ def by_poles(plant: Linear, poles: Sequence[float]) -> Gains:
     return Gains(p, i, d)
 
 
-def by_lqr(plant: Linear, integral: float, angle: float, rate: float, torque: float) -> Gains:
+def by_lqr(
+    plant: Linear, integral: float, angle: float, rate: float, torque: float, period: float = 0.0
+) -> Gains:
     """Return the LQR gains with integral action, weights by the largest acceptable values.
 
     They minimise ``integral (I^2/I_0^2 + e^2/e_0^2 + e'^2/w_0^2 + u^2/u_0^2) dt``: I_0 in rad s,
-    e_0 in rad, w_0 in rad/s, u_0 in N m, each positive. Raises TuningError if they are so far apart
-    that the Riccati equation cannot be solved in floating point.
+    e_0 in rad, w_0 in rad/s, u_0 in N m, each positive. With a ``period`` h [s] they do so for a torque
+    held over each period and the law's own integral ``I_k = I_{k-1} + h e_k`` (`sampled`). Raises
+    TuningError if they are so far apart that the Riccati equation cannot be solved in floating point.
     """
     if min(integral, angle, rate, torque) <= 0.0:
         raise TuningError("the weights' values must be greater than 0")
@@ -51,13 +54,41 @@ def by_lqr(plant: Linear, integral: float, angle: float, rate: float, torque: fl
     q = np.diag([integral**-2, angle**-2, rate**-2])
     r = np.array([[torque**-2]])
     try:
-        i, p, d = np.linalg.solve(r, b.T @ solve_continuous_are(a, b, q, r))[0].tolist()
+        if period > 0.0:
+            a, b, q, n, r = sampled(a, b, q, r, period)
+            cost = solve_discrete_are(a, b, q, r, s=n)
+            gains = np.linalg.solve(r + b.T @ cost @ b, b.T @ cost @ a + n.T)
+        else:
+            gains = np.linalg.solve(r, b.T @ solve_continuous_are(a, b, q, r))
     except (ValueError, np.linalg.LinAlgError):
         raise TuningError(
             f"no LQR gains for an integral of {integral:g} rad s, an error of {angle:g} rad, a rate of "
             f"{rate:g} rad/s and a torque of {torque:g} N m: choose values closer to one another"
         ) from None
+    i, p, d = gains[0].tolist()
     return Gains(p, i, d)
+
+
+def sampled(
+    a: Floats, b: Floats, q: Floats, r: Floats, h: float
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Return A, B, Q, N, R over a period h [s] of ``x' = A x + B u`` with the cost ``x'Qx + u'Ru``, u held.
+
+    The cost of a period is ``x'Qx + 2x'Nu + u'Ru`` (C. F. Van Loan, Computing integrals involving the
+    matrix exponential, IEEE Trans. Automatic Control 23 (1978)). The first state is the law's sum, which
+    adds h times the angle at the period's end.
+    """
+    n = len(a)
+    motion = np.block([[a, b], [np.zeros((1, n + 1))]])
+    weights = np.block([[q, np.zeros((n, 1))], [np.zeros((1, n)), r]])
+    joined = expm(np.block([[-motion.T, weights], [np.zeros_like(motion), motion]]) * h)
+    over = joined[n + 1 :, n + 1 :]
+    cost = over.T @ joined[: n + 1, n + 1 :]
+    ad, bd = over[:n, :n], over[:n, n:]
+    ad[0] = h * ad[1]
+    ad[0, 0] += 1.0
+    bd[0] = h * bd[1]
+    return ad, bd, cost[:n, :n], cost[:n, n:], cost[n:, n:]
 
 
 class Ultimate(NamedTuple):
