@@ -103,7 +103,9 @@ def test_the_examples_run_as_printed(tmp_path, domain):
     """As in a fresh clone: nothing is there but the scripts and the examples."""
     for folder in ("scripts", "examples"):
         (tmp_path / folder).symlink_to(ROOT / folder)
-    python = f"cat > example.py <<'END'\n{block('python')}END\npython example.py\n"
+    python = (
+        f"cat > example.py <<'END'\n{block('python')}END\npython example.py\npython example.py\n"
+    )
     done = subprocess.run(
         ["bash", "-ec", block("bash") + python],
         cwd=tmp_path,
