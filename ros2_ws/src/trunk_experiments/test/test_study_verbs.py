@@ -153,9 +153,7 @@ def test_the_report_begins_with_falls_and_has_its_parts_in_order(swept, page):
     )
     places = [page.index(part) for part in parts]
     assert places == sorted(places)
-    assert page.count("data:image/png;base64,") == 2 + len(
-        METRICS
-    )  # maps, scatters
+    assert page.count("data:image/png;base64,") == 2 + len(METRICS)  # maps, scatters
     assert "<b>" not in page
     assert "http" not in page.replace("http-equiv", "")
 
