@@ -105,7 +105,7 @@ def test_the_pages_code_runs_as_printed(tmp_path, monkeypatch, capsys):
     for printed in re.findall(r"print\(.*\)  # (.+)$", SCRIPT, re.MULTILINE):
         pattern = ".*".join(map(re.escape, printed.split("...")))
         assert printed.startswith("a table") or re.search(pattern, told), printed
-    assert {path.name for path in tmp_path.iterdir()} == {"mine.mcap", "fig8.png"}
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.mcap", "fig8.png", "branch.html"}
 
 
 MISUSE = """

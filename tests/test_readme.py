@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from trunk_experiments.analysis.metrics import QUANTITIES
 from trunk_experiments.readme import refreshed
+from trunk_experiments.templates import controller_package
 
 from .graph.conftest import domain, domains
 
@@ -61,6 +63,13 @@ def test_a_page_says_first_who_it_is_for(page):
     assert re.match(r"For anyone (who|in|with)\b", paragraphs[0]), paragraphs[0]
 
 
+def test_the_page_on_controllers_shows_the_law_that_trunk_writes(tmp_path):
+    written = {path.name: path for path in controller_package("my_controller", tmp_path)}
+    page = text_of(ROOT / "docs" / "controllers.md")
+    shown = page.partition("```python\n")[2].partition("```")[0]
+    assert ast.dump(ast.parse(shown)) == ast.dump(ast.parse(text_of(written["law.py"])))
+
+
 def headings(page):
     """Return the anchors of a page's headings, as GitHub and MkDocs make them."""
     text = re.sub(r"^```.*?^```", "", text_of(page), flags=re.DOTALL | re.MULTILINE)
@@ -94,7 +103,9 @@ def test_the_examples_run_as_printed(tmp_path, domain):
     """As in a fresh clone: nothing is there but the scripts and the examples."""
     for folder in ("scripts", "examples"):
         (tmp_path / folder).symlink_to(ROOT / folder)
-    python = f"cat > example.py <<'END'\n{block('python')}END\npython example.py\n"
+    python = (
+        f"cat > example.py <<'END'\n{block('python')}END\npython example.py\npython example.py\n"
+    )
     done = subprocess.run(
         ["bash", "-ec", block("bash") + python],
         cwd=tmp_path,

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from trunk_experiments.analysis.metrics import metrics
-from trunk_experiments.analysis.run_table import CSV_COLUMNS, RunTable
+from trunk_experiments.analysis.run_table import COLUMNS, RunTable
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.turns import parse_swap
 from trunk_experiments.recorded import run as recorded_run
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.views.extract import write_csv
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording import schemas
@@ -172,14 +173,14 @@ def test_csv_reads_back_to_the_bit(run_file, tmp_path):
     columns = {
         name: np.roll(np.array(values), i) for i, name in enumerate(RunTable.__dataclass_fields__)
     }
-    table = RunTable(**columns)
-    table.write_csv(tmp_path / "run.csv")
+    write_csv(columns, tmp_path / "run.csv")
     with (tmp_path / "run.csv").open(newline="") as file:
         head, *rows = list(csv.reader(file))
-    assert ",".join(head) == ("t,x,theta,x_dot,theta_dot,theta_measured,reference,torque,kp,ki,kd")
+    assert ",".join(head) == (
+        "t,x,theta,x_dot,theta_dot,theta_measured,reference,torque,kp,ki,kd,alpha"
+    )
     assert len(rows) == len(values)
-    for name, column in zip(CSV_COLUMNS, np.array(rows, float).T, strict=True):
-        expected = getattr(table, name)
+    for expected, column in zip(columns.values(), np.array(rows, float).T, strict=True):
         np.testing.assert_array_equal(column, expected)
         assert np.signbit(column).tolist() == np.signbit(expected).tolist()
 
@@ -187,7 +188,7 @@ def test_csv_reads_back_to_the_bit(run_file, tmp_path):
 def test_a_long_csv_has_a_row_per_state(tmp_path):
     count = 20_001
     ramp = np.arange(count) / 3.0
-    RunTable(**dict.fromkeys(RunTable.__dataclass_fields__, ramp)).write_csv(tmp_path / "a.csv")
+    write_csv(dict.fromkeys(COLUMNS, ramp), tmp_path / "a.csv")
     rows = np.loadtxt(tmp_path / "a.csv", delimiter=",", skiprows=1)
-    assert rows.shape == (count, 11)
+    assert rows.shape == (count, 12)
     assert (rows == ramp[:, None]).all()

@@ -1,4 +1,4 @@
-"""``trunk run demo``: the whole graph in real time, and a recording that other readers can read."""
+"""The demo: the whole graph in real time, and ``scripts/demo.sh`` with the same bits on any machine."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ import yaml
 from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
 
@@ -52,6 +56,30 @@ def test_demo(children: Children, tmp_path: Path) -> None:
     # How late commands arrive depends on the machine; what is done with each does not.
     assert verify(recording).exit_code == VERIFIED, verify(recording)
     assert_readable_by_all(folder / "run.mcap")
+
+
+def test_the_demo_script_ends_with_a_verdict_a_page_and_what_to_try_next(
+    children: Children, tmp_path: Path
+) -> None:
+    """At another pace, which changes nothing else."""
+    script = Path(__file__).parents[2] / "scripts" / "demo.sh"
+    run = children.start("demo", "bash", script, "--output", "demo", "--speed", 10)
+    assert run.wait() == 0, run.stderr
+    children.none_left()
+    said = run.stdout.splitlines()
+    assert "demo: verified" in said
+    page = tmp_path / "demo" / "report.html"
+    assert f"report: {page.as_uri()}" in said
+    assert page.stat().st_size > 1_000_000
+    assert [line.split()[:2] for line in said[-3:]] == [
+        ["trunk", "explain"],
+        ["trunk", "branch"],
+        ["trunk", "live"],
+    ]
+    record_offline(make_plan("demo", "fuzzy_pid"), tmp_path / "offline.mcap")
+    names = ("offline.mcap", "demo/run.mcap")
+    assert diff(*(RecordedRun.open(tmp_path / name) for name in names)).identical
+    assert "LATE" not in run.stdout + run.stderr
 
 
 def assert_readable_by_all(path: Path) -> None:

@@ -43,7 +43,7 @@ def test_what_a_person_does_takes_effect_and_is_recorded(
     pushed = peer.hear(f"/{topics.OPERATOR_PUSH}")
     child, address, watch = start_live(
         children,
-        *("demo", "--rate", "200", "--output", "run"),
+        *("demo", "--realtime", "--rate", "200", "--output", "run"),
         *("--controller", "fuzzy_pid", "--controller", "pid"),
         *("--set", "simulator.operator.timeout=2.0"),  # a busy page asks seldom
     )
@@ -145,12 +145,12 @@ def test_what_a_person_does_takes_effect_and_is_recorded(
     assert verdict.exit_code in (VERIFIED, UNJUDGED), verdict
 
 
-def test_in_lockstep_the_page_chooses_the_speed_and_who_acts(
+def test_in_lockstep_which_is_the_default_the_page_chooses_the_speed_and_who_acts(
     children: Children, peer: Peer, browser: Any, tmp_path: Path
 ) -> None:
     child, address, _ = start_live(
         children,
-        *("demo", "--lockstep", "--controller", "fuzzy_pid", "--controller", "pid"),
+        *("demo", "--controller", "fuzzy_pid", "--controller", "pid"),
         *("--output", "run", "--set", "simulator.lockstep.timeout=60"),
     )
     live = LivePage(browser, address)

@@ -62,9 +62,48 @@ def test_a_simulated_run_is_the_recording_that_the_command_makes(run, tmp_path):
 def test_every_column_has_a_unit_and_is_an_attribute(run):
     columns = run.arrays()
     assert [name for name in columns if name not in trunk.UNITS] == []
-    assert all(getattr(run, name) is column for name, column in columns.items())
+    own = {**run.terms, **run.disturbance}
+    assert {"p_term", "i_term", "d_term", "disturbance_trunk_effort"} <= own.keys()
+    assert all(own.get(name, getattr(run, name, None)) is c for name, c in columns.items())
+    assert not any(column.flags.writeable for column in own.values())
     assert {len(column) for column in columns.values()} == {len(run)} == {1301}
     assert set(trunk.metrics(run).as_dict()) <= set(trunk.UNITS)
+
+
+@pytest.mark.slow
+def test_explanations_branches_and_reports_are_those_of_the_commands(run, tmp_path):
+    why = trunk.explain(run, at=1.06)
+    k = int(np.flatnonzero(run.t == why.update)[0])
+    assert why.agrees
+    assert why.terms.p_term == run.terms["p_term"][k]
+    other = trunk.branch(run, 0.5, overrides={"pid.gains.p": 70.0}, output=tmp_path / "b.mcap")
+    assert other.theta[:501].tobytes() == run.theta[:501].tobytes()
+    assert set(other.kp[501:]) == {70.0}
+    assert trunk.verify(other).verified
+    trunk.report(run, other, output=tmp_path / "page.html")
+    with pytest.raises(trunk.PlanError, match="it exists"):
+        trunk.report(run, output=tmp_path / "page.html")
+
+
+def test_tuned_gains_are_overrides_of_a_plan():
+    gains = trunk.tune("pid", poles=[-12.0, -8.0, -2.0])
+    plan = trunk.plan("demo", "pid", overrides=gains)
+    assert plan.parameters["pid"]["gains.p"] == gains["pid.gains.p"] == pytest.approx(72.905)
+    softer = trunk.tune("lqr", largest={"torque": 1.0})
+    assert softer["lqr.gains.i"] < trunk.tune("lqr")["lqr.gains.i"]
+    with pytest.raises(trunk.PlanError, match="one of lqr, pid, computed_torque"):
+        trunk.tune("fuzzy_pid")
+    with pytest.raises(trunk.PlanError, match="above 0, of integral, angle, speed, torque"):
+        trunk.tune("lqr", largest={"force": 1.0})
+
+
+@pytest.mark.slow
+def test_a_limit_is_where_the_run_falls():
+    found = trunk.limit("demo", "disturbance.pulse.magnitude", 0.0, 5.0, "pid", within=0.05)
+    assert found.falls - found.stands <= 0.25
+    for value, falls in ((found.stands, False), (found.falls, True)):
+        made = trunk.plan("demo", "pid", overrides={"disturbance.pulse.magnitude": value})
+        assert (trunk.simulate(made).fell_at is not None) == falls
 
 
 def test_overrides_win_over_files_and_accept_numpy_values():

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from trunk_experiments.branching.pushes import Push, parse_push, pushed
 from trunk_experiments.errors import PlanError
+from trunk_experiments.plans.pushes import Push, parse_push, pushed
 from trunk_experiments.recorded.branch_of import branch_of
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import disturbance_at
@@ -42,7 +42,7 @@ def parent(short_run):
         (["--at", "0.5", "--push", "60Nm:-1s"], "above 0 s"),
         (["--at", "0.5", "--push", "nan:1s"], "VALUE:DURATION"),
         (["--at", "0.5", "--push", "60kg:1s"], "kg"),
-        (["--at", "0.5", "--push", "60:1@0.2"], "before the branch at 0.5 s"),
+        (["--at", "0.5", "--push", "60:1@0.2"], "give a time from 0.5 s on"),
         (["--at", "0.5", "--push", "x=60:1"], "CHANNEL one of"),
         (["--at", "0.5", "--push", "1:1", "--push", "hip_effort=1:1"], "pushes on one channel"),
         (["--at", "0.5", "--duration", "0.2"], "--duration 0.2: the branch begins at t = 0.5 s"),

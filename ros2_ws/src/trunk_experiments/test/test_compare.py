@@ -114,6 +114,7 @@ def test_markdown_marks_the_best(runs):
 def test_the_table_on_a_terminal(runs):
     text = invoke(*runs)
     assert "* 0." in text
+    assert "\nfirst difference\n" in text
     assert "fig6-pid (A) and fig6-fuzzy_pid (B): t = 0 s: effort_command" in text
 
 
@@ -193,6 +194,18 @@ def test_another_disturbance_is_another_task(short_run, more):
     assert more[0].partition("=")[0] in tasks
     idle = short_run("fig6", "pid", settings=("disturbance.pulse.random_seed=2",))
     assert compare([RunView.read(RecordedRun.open(p)) for p in (paths[0], idle)]).tasks == ()
+
+
+@pytest.mark.slow
+def test_fall_stop_makes_another_task_only_where_a_trunk_fell(short_run):
+    stops = ("simulator.fall.stop=true",)
+    low = ("simulator.fall.angle=0.1",)
+    paths = {
+        more: short_run("fig6", "pid", settings=more) for more in ((), stops, low, low + stops)
+    }
+    views = {more: RunView.read(RecordedRun.open(path)) for more, path in paths.items()}
+    assert compare([views[()], views[stops]]).tasks == ()
+    assert compare([views[low], views[low + stops]]).tasks == ("simulator.fall.stop",)
 
 
 @pytest.mark.slow

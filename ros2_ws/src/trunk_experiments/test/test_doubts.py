@@ -24,7 +24,8 @@ from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
 from trunk_msgs_util.recording.topic import RecordingError
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
-LATE = "LATE: real time was not kept, 1 of 1300 steps late"
+LATE = "LATE: the machine was too busy, 1 of 1300 steps late"
+ADVICE = ": --lockstep gives the exact run"
 
 
 @pytest.fixture
@@ -111,9 +112,9 @@ def test_how_far_the_angle_was_moved(short_run, tmp_path, monkeypatch):
     path = in_real_time(short_run("fig6", "pid"), tmp_path / "a.mcap", [7])
     assert doubts_of(RecordedRun.open(path), twin=False).moved_deg is None
     lines = doubts_of(RecordedRun.open(path)).lines
-    assert lines == [f"{LATE}; in lock-step the angle differs by up to 0 degrees"]
+    assert lines == [f"{LATE}; in lock-step the angle differs by up to 0 degrees{ADVICE}"]
     monkeypatch.setattr(doubts, "LONGEST_TWIN", 10)
-    assert doubts_of(RecordedRun.open(path)).lines == [LATE]
+    assert doubts_of(RecordedRun.open(path)).lines == [LATE + ADVICE]
 
 
 @pytest.mark.slow
@@ -172,7 +173,7 @@ def test_doubtful_runs_are_never_the_best(short_run, tmp_path, told):
         "cut: INCOMPLETE",
         "down: FELL",
     ]
-    assert told("compare", "--markdown", late, sound)[1].startswith("- **late: LATE: real time")
+    assert told("compare", "--markdown", late, sound)[1].startswith("- **late: LATE: the machine")
 
 
 def test_only_sound_runs_can_be_best():
@@ -187,7 +188,7 @@ def test_words_and_values():
     assert found.lines == [
         "INCOMPLETE: the disk is full; ends at 0.5 of 10 s",
         "FELL: at t = 1.06 s, -93 degrees",
-        f"LATE: real time was not kept, 35 of 10000 steps late; {moved}",
+        f"LATE: the machine was too busy, 35 of 10000 steps late; {moved}{ADVICE}",
     ]
     assert found.as_values("diverges") == {
         "complete": False,

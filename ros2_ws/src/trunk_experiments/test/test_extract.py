@@ -6,10 +6,14 @@ from math import inf
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 
-from trunk_experiments.analysis.run_table import CSV_COLUMNS, RunTable
+from trunk_experiments.analysis.run_table import COLUMNS, RunTable
+from trunk_experiments.analysis.run_terms import DISTURBANCE, all_columns
+from trunk_experiments.errors import PlanError
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.views.extract import COLUMNS, window, write_mcap, write_npz, write_parquet
+from trunk_experiments.views.extract import window, write_csv, write_mcap, write_npz, write_parquet
+from trunk_experiments.views.film import write_gif, write_mp4
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 TRUTH = "/ground_truth/joint_states"
@@ -22,25 +26,72 @@ def run(short_run):
 
 @pytest.fixture(scope="module")
 def table(run):
-    return RunTable.from_run(RecordedRun(run))
+    recorded = RecordedRun(run)
+    return all_columns(recorded, RunTable.from_run(recorded))
 
 
 def test_tables_hold_the_same_bits(table, tmp_path):
     part = window(table, 0.2, 0.9)
-    assert (part.t[0], part.t[-1], len(part.t)) == (0.2, 0.9, 701)
+    assert (part["t"][0], part["t"][-1], len(part["t"])) == (0.2, 0.9, 701)
     write_parquet(part, tmp_path / "a")
     write_npz(part, tmp_path / "b")
-    part.write_csv(tmp_path / "c")
+    write_csv(part, tmp_path / "c")
     parquet, npz = pq.read_table(tmp_path / "a"), np.load(tmp_path / "b")
     with (tmp_path / "c").open() as file:
         rows = list(csv.DictReader(file))
-    assert tuple(parquet.column_names) == tuple(npz) == COLUMNS == (*CSV_COLUMNS, "alpha")
-    for name in COLUMNS:
-        expected = getattr(part, name).tobytes()
+    assert list(parquet.column_names) == list(npz) == list(rows[0]) == list(part)
+    terms = {"error", "error_rate", "p_term", "i_term", "d_term", "unsaturated", "command"}
+    assert part.keys() == {*COLUMNS, *terms, *DISTURBANCE}
+    for name, column in part.items():
+        expected = column.tobytes()
         assert parquet[name].to_numpy().tobytes() == expected
         assert npz[name].tobytes() == expected
-    assert [float(row["torque"]) for row in rows] == part.torque.tolist()
-    assert len(window(table).t) == 1301
+        assert np.array([float(row[name]) for row in rows]).tobytes() == expected
+    assert len(window(table)["t"]) == 1301
+
+
+def test_terms_and_disturbance_belong_to_their_states(table):
+    """By what defines them: u = P + I + D, and a pulse of 100 degrees from 1 s to 1.1 s."""
+    summed = table["p_term"] + table["i_term"] + table["d_term"]
+    np.testing.assert_allclose(summed, table["unsaturated"], rtol=1e-12)
+    np.testing.assert_array_equal(table["command"], table["torque"])
+    pulse = (table["t"] >= 1.0) & (table["t"] < 1.1)
+    expected = np.where(pulse, np.radians(100.0), 0.0)
+    np.testing.assert_array_equal(table["disturbance_trunk_position"], expected)
+    assert not np.any(table["disturbance_hip_effort"])
+
+
+def test_an_animation_has_25_pictures_a_second(run, table, tmp_path):
+    parameters = RecordedRun(run).parameters["simulator"]
+    assert write_gif(table, parameters, tmp_path / "a.gif") == 33  # 0 to 1.28 s
+    with Image.open(tmp_path / "a.gif") as film:
+        assert (film.size, film.n_frames, film.info["duration"]) == ((640, 400), 33, 40)
+        first = np.asarray(film.convert("L"), dtype=int)
+        film.seek(26)  # t = 1.04 s, in the pulse
+        assert np.abs(np.asarray(film.convert("L"), dtype=int) - first).max() > 100
+    with pytest.raises(PlanError, match="at most 120 s apart"):
+        write_gif({**table, "t": 1e3 * table["t"]}, parameters, tmp_path / "b.gif")
+
+
+@pytest.mark.parametrize("code", [0, 1])
+def test_a_film_is_what_the_machines_ffmpeg_makes_of_the_pictures(
+    run, table, tmp_path, monkeypatch, code
+):
+    encoder = tmp_path / "ffmpeg"  # keeps what it is given
+    encoder.write_text(f'#!/bin/sh\nfor file; do :; done; cat >"$file"; exit {code}\n')
+    parameters = RecordedRun(run).parameters["simulator"]
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(PlanError, match="apt install ffmpeg, or give --gif"):
+        write_mp4(table, parameters, tmp_path / "a.mp4")
+    encoder.chmod(0o700)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    if code:
+        with pytest.raises(PlanError, match="ffmpeg failed with 1"):
+            write_mp4(table, parameters, tmp_path / "a.mp4")
+        assert not (tmp_path / "a.mp4").exists()
+        return
+    assert write_mp4(table, parameters, tmp_path / "a.mp4") == 33
+    assert (tmp_path / "a.mp4").stat().st_size == 33 * 640 * 400 * 3
 
 
 def test_a_part_is_copied_byte_for_byte(run, tmp_path):

@@ -116,6 +116,10 @@ def test_a_folder_with_metadata_is_one_run(short_run, tmp_path, told):
     assert found["file"] == str(bag)
 
 
+def test_a_scenario_is_described_in_its_line(told):
+    assert "demo  Ten seconds at 200 Hz: the trunk recovers from 30 deg" in told("scenarios")[1]
+
+
 def test_an_empty_folder_and_a_missing_one(tmp_path, told):
     assert told("runs", tmp_path)[:2] == (0, f"{tmp_path}: no recordings\n")
     code, _, err = told("runs", tmp_path / "no")

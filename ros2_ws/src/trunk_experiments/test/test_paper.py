@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import fields
 from math import degrees, inf, nan
 
@@ -113,6 +114,13 @@ def test_undershoot_is_the_swing_back():
     assert undershoot(swing([-0.5, 0.1, -0.2, 0.0])) == pytest.approx(degrees(0.2))
     assert undershoot(swing([0.5, 0.2, 0.1, 0.3])) == 0.0
     assert undershoot(swing([0.5, -0.2, -0.1])) == 0.0
+
+
+def test_the_verdict_in_two_sentences():
+    said = paper_report.lead(Reproduction(runs=invented(2)))
+    hold, partly, fail = map(int, re.findall(r"(\d+) (?:hold|fail)", said))
+    assert hold + partly + fail == len(CLAIMS)
+    assert re.search(r"Table 1 in \d+ of \d+ comparisons\.$", said)
 
 
 def test_the_report_is_one_file_with_every_part(tmp_path, monkeypatch):

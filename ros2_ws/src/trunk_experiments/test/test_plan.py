@@ -13,6 +13,7 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.parameters.files import ParameterFileError, read, resolve
 from trunk_msgs_util.recording.reader import Recording
+from trunk_sim.disturbances import disturbance_at
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
@@ -31,6 +32,26 @@ def test_every_shipped_file_is_readable_and_described(name):
     scenario, params = (name, []) if name in SCENARIOS else ("fig6", [name])
     make_plan(scenario, "pid", params)
     assert make_plan(scenario, "fuzzy_pid", params).scenario == scenario
+
+
+def test_a_push_comes_on_top_of_the_scenarios_disturbances():
+    plan = make_plan("demo", "pid", pushes=["60Nm:0.1s@3"])
+    before = make_plan("demo", "pid").disturbance.signals
+    for ms, torque in ((2_999, 0.0), (3_000, 60.0), (3_099, 60.0), (3_100, 0.0)):
+        acting = disturbance_at(ms * 1_000_000, plan.disturbance.signals)
+        assert acting.trunk_torque == torque
+        assert acting._replace(trunk_torque=0.0) == disturbance_at(ms * 1_000_000, before)
+    assert make_plan("fig6", "pid", pushes=["hip_effort=1N:1s"]).disturbance is not None
+    assert make_plan("fig6", "pid", pushes=[]).disturbance is None
+
+
+@pytest.mark.parametrize(
+    ("push", "message"),
+    [("60", "VALUE:DURATION"), ("60Nm:0.1s@11", "ends at 10 s"), ("1:1s@-1s", "from 0 s on")],
+)
+def test_a_push_that_cannot_act_is_refused(push, message):
+    with pytest.raises(PlanError, match=message):
+        make_plan("demo", "pid", pushes=[push])
 
 
 def test_the_paper_profile_is_the_default_of_the_figures():

@@ -137,7 +137,8 @@ def test_runs_differ_in_colour_and_dashes():
     styles = [line_style(i) for i in range(5)]
     assert len({style["color"] for style in styles}) == 5
     assert len({str(style["linestyle"]) for style in styles}) == 5
-    assert len({str(line_style(i)) for i in range(35)}) == 35
+    assert len({str(line_style(i)) for i in range(40)}) == 40
+    assert len({line_style(i)["color"] for i in range(8)}) == 8
     assert len(set(COLORS)) == len(COLORS)
 
 

@@ -16,7 +16,7 @@ from trunk_experiments.replay.verify import verify
 from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.report import make_report, render
 from trunk_experiments.study.results import METRICS, Results
-from trunk_experiments.study.summary import falls
+from trunk_experiments.study.summary import distributions, falls
 from trunk_experiments.study.sweep import SweepJob, processes
 from trunk_experiments.study.worst import worst_runs
 
@@ -43,6 +43,14 @@ def swept(tmp_path_factory):
     sweep.run(processes(1))
     sweep.finish()
     return sweep.output
+
+
+def test_the_smallest_angle_keeps_its_sign(swept):
+    results = Results.read(swept)
+    (found, _) = distributions(results, ("theta_min_deg",))["theta_min_deg"]
+    stood = results.of(found.controller).only(results.of(found.controller).fallen == 0.0)
+    assert sorted(found.values) == sorted(stood.column("theta_min_deg"))
+    assert min(found.values) < 0.0
 
 
 def rows(path):
@@ -145,7 +153,7 @@ def test_the_report_begins_with_falls_and_has_its_parts_in_order(swept, page):
     )
     places = [page.index(part) for part in parts]
     assert places == sorted(places)
-    assert page.count("data:image/png;base64,") == 2  # a map for each controller
+    assert page.count("data:image/png;base64,") == 2 + len(METRICS)  # maps, scatters
     assert "<b>" not in page
     assert "http" not in page.replace("http-equiv", "")
 

@@ -242,3 +242,14 @@ def test_every_verb_has_help():
     for verb in ("run", "simulate", "metrics", "info", "export", "verify", "diff", "params"):
         assert verb in listed
         assert "Usage" in trunk(verb, "--help").stdout
+
+
+@pytest.mark.slow
+def test_a_live_run_is_either_in_lockstep_or_in_real_time():
+    assert "give one of them" in trunk("live", "--realtime", "--lockstep", code=2).stderr
+
+
+@pytest.mark.slow
+def test_a_push_does_not_go_with_a_recorded_run(fig7, tmp_path):
+    done = trunk("simulate", "--like", fig7, "--push", "1Nm:1s", "-o", tmp_path / "a.mcap", code=2)
+    assert "--push does not go with --like" in done.stderr

@@ -33,6 +33,11 @@ class MetricText(NamedTuple):
     judged: bool = True
     missing: str = _NOT_DEFINED  # shown for a run that has none
 
+    @property
+    def terminal_unit(self) -> str:
+        """The unit as terminals show it: ``N m``, as parameters and explanations have it."""
+        return self.unit.replace("·", " ")
+
 
 QUANTITIES: Mapping[str, MetricText] = {
     "overshoot_deg": MetricText("overshoot", "°"),

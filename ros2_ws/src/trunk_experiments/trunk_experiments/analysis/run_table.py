@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 from math import inf
-from pathlib import Path
 
 import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_msgs_util.recording.columns import in_turn, series_of
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
@@ -20,20 +18,6 @@ from trunk_msgs_util.units import NANOSECONDS, seconds
 
 from ..recorded.run import RecordedRun
 
-CSV_COLUMNS = (
-    "t",
-    "x",
-    "theta",
-    "x_dot",
-    "theta_dot",
-    "theta_measured",
-    "reference",
-    "torque",
-    "kp",
-    "ki",
-    "kd",
-)
-_CSV_ROWS = 8192  # written at a time
 _HELD = ("reference", "kp", "ki", "kd", "alpha")
 
 
@@ -119,7 +103,7 @@ class RunTable:
         if topics.JOINT_STATES in found:
             measured = found[topics.JOINT_STATES]
             values = measured.column("position", trunk)
-            columns["theta_measured"] = _matched(at, measured.stamp_ns, values)
+            columns["theta_measured"] = matched_at(at, measured.stamp_ns, values)
 
         # A true state carries the torque of the step before it; only the last step's is missing.
         effort = truth.column("effort", trunk)
@@ -182,18 +166,8 @@ class RunTable:
             **{n: held_at(at, terms.stamp_ns, terms.column("position", n)) for n in _HELD},
         )
 
-    def write_csv(self, path: str | Path) -> None:
-        """Write `CSV_COLUMNS`, one row per state; every number reads back as the same double."""
-        columns = [getattr(self, name) for name in CSV_COLUMNS]
-        with (
-            atomic_write(Path(path)) as part,
-            part.open("w", encoding="ascii", newline="") as file,
-        ):
-            file.write(",".join(CSV_COLUMNS) + "\n")
-            for start in range(0, len(self.t), _CSV_ROWS):
-                rows = np.column_stack([c[start : start + _CSV_ROWS] for c in columns]).tolist()
-                file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
 
+COLUMNS = tuple(RunTable.__dataclass_fields__)
 
 # What delays or loses commands; a link with none of these passes all of them on at once.
 _OF_LINK = tuple(f"link.command.{name}" for name in ("delay", "jitter", "loss", "burst.begin"))
@@ -236,7 +210,7 @@ def _before_the_first_update(
     return told
 
 
-def _matched(at: Integers, stamps: Integers, values: Floats) -> Floats:
+def matched_at(at: Integers, stamps: Integers, values: Floats) -> Floats:
     """Return the values at exactly these stamps, NaN where there is none."""
     if np.array_equal(at, stamps):
         return values
@@ -293,7 +267,7 @@ def _last_torque(
             values |= change.changed
 
     def command(at_ns: int) -> float:
-        return float(_matched(np.array([at_ns]), stamps, commands)[0])
+        return float(matched_at(np.array([at_ns]), stamps, commands)[0])
 
     limit = values.get("max_effort", inf)
     plain = all(

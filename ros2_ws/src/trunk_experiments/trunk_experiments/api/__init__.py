@@ -1,4 +1,4 @@
-"""The library: load, plan, simulate, sweep, measure, verify and plot runs, in five lines or a notebook.
+"""The library: load, plan, simulate, sweep, measure, verify, explain and plot runs, in a script or notebook.
 
 ::
 
@@ -6,7 +6,7 @@
 
     run = trunk.simulate(trunk.plan("fig8", "fuzzy_pid"))
     print(trunk.metrics(run))
-    trunk.plot(run, fig=8).save("fig8.png")
+    trunk.plot(run, fig=8).save("fig8.png", overwrite=True)
 
 The names in ``__all__`` are the contract; everything else may change. SI units and radians; every mistake
 raises a `TrunkError` of one line. Importing this loads none of numba, pyarrow, matplotlib, pandas and ROS.
@@ -21,9 +21,11 @@ from trunk_msgs_util.recording.topic import RecordingError
 from trunk_sim.simulation import DivergedError
 
 from ..errors import LibraryError, PlanError, StudyError, SweepError
+from ._branch import branch
+from ._gains import Limit, explain, limit, tune
 from ._metrics import Metrics, metrics
 from ._names import Parameter, controllers, parameter_files, parameters, scenarios, studies
-from ._picture import Picture, plot
+from ._picture import Picture, plot, report
 from ._plan import Plan, plan
 from ._run import Run
 from ._simulate import load, simulate
@@ -45,6 +47,12 @@ __all__ = [  # noqa: RUF022 (in the order in which docs/api.md describes them)
     "CheckedPart",
     "plot",
     "Picture",
+    "report",
+    "explain",
+    "branch",
+    "tune",
+    "limit",
+    "Limit",
     "study",
     "read_study",
     "grid",

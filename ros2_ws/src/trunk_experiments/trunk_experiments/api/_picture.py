@@ -67,3 +67,22 @@ def plot(
     views = [RunView.read(run_of(run)._recorded) for run in runs]
     told = None if names is None else [str(name) for name in names]
     return Picture(overview(views, told) if fig is None else paper_figure(views, fig, told))
+
+
+def report(*runs: Run | AnyPath, output: AnyPath, overwrite: bool = False) -> None:
+    """Write runs as one HTML page that needs no network: animated, plotted, judged, as `trunk report` does.
+
+    Raises PlanError if there is no run and for an output that cannot be written, and RecordingError for a
+    recording that cannot be read.
+    """
+    from ..views.report import make_report
+    from ..views.report_page import write
+    from ..views.run_view import RunView
+
+    if not runs:
+        raise PlanError("report: no run: give at least one")
+    opened = [run_of(run)._recorded for run in runs]
+    target = output_path(output, (".html", ".htm"), overwrite, [run.path for run in opened])
+    page = make_report([RunView.read(run) for run in opened])
+    with writing(target):
+        write(page, target)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from trunk_msgs_util.parameters.declarations import ParameterError
@@ -169,9 +170,30 @@ class Run:
         """Return the number of true states, N + 1."""
         return len(self._table.t)
 
+    @cached_property
+    def _more(self) -> tuple[Mapping[str, Floats], Mapping[str, Floats]]:
+        from ..analysis.run_terms import disturbance, terms
+
+        found = terms(self._recorded, self._table), disturbance(self._recorded, self._table)
+        for columns in found:
+            for column in columns.values():
+                column.flags.writeable = False
+        return found
+
+    @property
+    def terms(self) -> Mapping[str, Floats]:
+        """The law's own terms by name, such as ``p_term`` in N m, from its last update; gains are above."""
+        return MappingProxyType(self._more[0])
+
+    @property
+    def disturbance(self) -> Mapping[str, Floats]:
+        """What disturbs hip and trunk: ``disturbance_trunk_effort`` in N m, and the like for each channel."""
+        return MappingProxyType(self._more[1])
+
     def arrays(self) -> dict[str, Floats]:
-        """Return all columns by name, each [N + 1]; `UNITS` has their units."""
-        return {name: getattr(self._table, name) for name in COLUMNS}
+        """Return all columns by name, terms and disturbance too, each [N + 1]; `UNITS` has their units."""
+        table = {name: getattr(self._table, name) for name in COLUMNS}
+        return {**table, **self.terms, **self.disturbance}
 
     def frame(self) -> pd.DataFrame:
         """Return all columns as a pandas DataFrame [N + 1] with the index ``t``; units in ``attrs``.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ..errors import PlanError
@@ -33,22 +34,40 @@ def simulate(plan: Plan, *, output: AnyPath | None = None, overwrite: bool = Fal
     Raises PlanError for a plan that needs the graph or an output that cannot be written, and DivergedError
     if the loop is unstable: an ``output`` then holds the run up to its last finite state.
     """
-    from ..recorded.run import RecordedRun
     from ..runs.offline_recording import record_offline
 
     if not isinstance(plan, Plan):
         raise PlanError(f"simulate: {plan!r} is not a plan: give what trunk.plan(...) returns")
+    name = f"{plan.scenario}_{'_'.join(plan.controllers)}.mcap"
+    return recorded(
+        lambda path: record_offline(plan._plan, path, overwrite=overwrite), name, output, overwrite
+    )
+
+
+def recorded(
+    record: Callable[[Path], object],
+    name: str,
+    output: AnyPath | None,
+    overwrite: bool,
+    inputs: Iterable[Path] = (),
+) -> Run:
+    """Return the run that ``record`` writes to ``output``; None: to a temporary file of this name.
+
+    A temporary file is deleted with the `Run`. ``inputs``: files that must not be written.
+    """
+    from ..recorded.run import RecordedRun
+
     if output is not None:
-        path = output_path(output, (".mcap",), overwrite)
+        path = output_path(output, (".mcap",), overwrite, inputs)
         with writing(path):
-            record_offline(plan._plan, path, overwrite=overwrite)
+            record(path)
         return Run(RecordedRun.open(path))
     with writing(Path(tempfile.gettempdir())):
         folder = tempfile.mkdtemp(prefix="trunk_")
-    path = Path(folder) / f"{plan.scenario}_{'_'.join(plan.controllers)}.mcap"
+    path = Path(folder) / name
     try:
         with writing(path):
-            record_offline(plan._plan, path)
+            record(path)
         run = Run(RecordedRun.open(path))
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ..analysis.metrics import QUANTITIES
+from ..analysis.run_terms import DISTURBANCE
+from ..analysis.run_terms import UNITS as OF_TERMS
 
 _OF_COLUMNS = {
     "t": "s",
@@ -26,6 +28,8 @@ COLUMNS = tuple(_OF_COLUMNS)  # of a run, in order
 UNITS: Mapping[str, str] = MappingProxyType(
     {
         **_OF_COLUMNS,
+        **OF_TERMS,
+        **DISTURBANCE,
         **{name: quantity.unit for name, quantity in QUANTITIES.items()},
         "diverged_at_s": "s",
     }

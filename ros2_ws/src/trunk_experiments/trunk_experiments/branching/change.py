@@ -21,10 +21,10 @@ from ..plans.files import SCENARIOS, parse_setting, scenario_layers
 from ..plans.layers import config_from
 from ..plans.nodes import CONTROLLERS, NODES, declared_names
 from ..plans.plan import RunPlan, check_joints, check_rates
+from ..plans.pushes import Push, parse_push, pushed
 from ..plans.timeline import Change
 from ..recorded.run import RecordedRun
 from .branch import Branch
-from .pushes import Push, parse_push, pushed
 from .resume import Resumed
 
 _TURNS = (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP)

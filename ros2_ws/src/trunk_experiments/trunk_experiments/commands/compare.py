@@ -11,6 +11,7 @@ from ..analysis.metrics import QUANTITIES, MetricText
 from ..console.document import json_option, write_json
 from ..console.reading import open_views, show_warnings_of
 from ..console.tables import csv_table, markdown_table, print_table
+from ..console.terminal import print_title
 from ..views.compare import Comparison, Row, compare
 from ..views.task import not_ranked
 
@@ -172,7 +173,7 @@ def _show(comparison: Comparison) -> None:
                     f"{'* ' if i in row.best else ''}{number(row, i)}"
                     for i in range(len(row.values))
                 ),
-                _quantity(row.key).unit,
+                _quantity(row.key).terminal_unit,
             )
             for row in comparison.rows
         ],
@@ -185,5 +186,7 @@ def _show(comparison: Comparison) -> None:
         )
     for name, whose in branched(comparison):
         click.echo(f"{name}: {whose}")
+    if comparison.diffs:
+        print_title("first difference")
     for name, where in divergences(comparison):
         click.echo(f"{comparison.names[0]} (A) and {name} (B): {where}")

@@ -88,10 +88,10 @@ def _show_external(known: ExternalCommand) -> None:
             f"{answers}{terms}"
         )
     rows = [
-        ("reference", f"{degrees(known.reference):.6g}", "deg"),
-        ("measured angle", f"{degrees(known.measurement):.6g}", "deg"),
-        ("true angle", f"{degrees(known.true_angle):.6g}", "deg"),
-        ("error e", f"{degrees(known.reference - known.true_angle):.6g}", "deg"),
+        ("reference", f"{degrees(known.reference):.6g}", "°"),
+        ("measured angle", f"{degrees(known.measurement):.6g}", "°"),
+        ("true angle", f"{degrees(known.true_angle):.6g}", "°"),
+        ("error e", f"{degrees(known.reference - known.true_angle):.6g}", "°"),
         *_disturbance_rows(known.disturbance),
         ("torque applied to the plant", f"{known.applied:.6g}", "N m"),
     ]
@@ -102,11 +102,11 @@ def _show_external(known: ExternalCommand) -> None:
 
 
 def _disturbance_rows(acting: Disturbance) -> list[tuple[str, str, str]]:
-    units = ("N", "N m", "m", "deg")
+    units = ("N", "N m", "m", "°")
     rows = [
         (
             f"disturbance: {name.replace('_', ' ')}",
-            f"{degrees(value) if unit == 'deg' else value:.6g}",
+            f"{degrees(value) if unit == '°' else value:.6g}",
             unit,
         )
         for (name, value), unit in zip(acting._asdict().items(), units, strict=True)
@@ -196,14 +196,14 @@ def _show(explanation: Explanation) -> None:
         f"computed at t = {explanation.update:g} s"
     )
     rows = [
-        ("reference", f"{degrees(explanation.reference):.6g}", "deg"),
-        ("measured angle", f"{degrees(explanation.measurement):.6g}", "deg"),
+        ("reference", f"{degrees(explanation.reference):.6g}", "°"),
+        ("measured angle", f"{degrees(explanation.measurement):.6g}", "°"),
         (
             ("true angle", "not known: another robot", "")
             if explanation.true_angle is None
-            else ("true angle", f"{degrees(explanation.true_angle):.6g}", "deg")
+            else ("true angle", f"{degrees(explanation.true_angle):.6g}", "°")
         ),
-        ("error e", f"{degrees(explanation.error):.6g}", "deg"),
+        ("error e", f"{degrees(explanation.error):.6g}", "°"),
         (
             ("measured rate", f"{explanation.rate:.6g}", "rad/s")
             if windup is None

@@ -8,20 +8,27 @@ from pathlib import Path
 import click
 
 from ..analysis.run_table import RunTable
+from ..analysis.run_terms import all_columns
 from ..console.document import json_option, write_json
 from ..console.options import Number
 from ..console.outputs import check_output
 from ..console.reading import open_run, run_values, show_damage
-from ..views.extract import window, write_mcap, write_npz, write_parquet
+from ..views.extract import window, write_csv, write_mcap, write_npz, write_parquet
 
 _FILE = click.Path(path_type=Path)
 
 
 @click.command("export")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--csv", type=_FILE, help="CSV: one row per true state, full precision.")
-@click.option("--parquet", type=_FILE, help="Parquet: the same columns and alpha.")
-@click.option("--npz", type=_FILE, help="NumPy archive: the same columns and alpha.")
+@click.option(
+    "--csv",
+    type=_FILE,
+    help="CSV: one row per true state, terms and disturbance too, full precision.",
+)
+@click.option("--parquet", type=_FILE, help="Parquet: the same columns.")
+@click.option("--npz", type=_FILE, help="NumPy archive: the same columns.")
+@click.option("--gif", type=_FILE, help="Animated picture, for slides; at most 120 s.")
+@click.option("--mp4", type=_FILE, help="The same as a film, by ffmpeg; at most 120 s.")
 @click.option("--mcap", type=_FILE, help="MCAP: messages as they are, byte for byte.")
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 @click.option("--from", "start", type=Number("s"), default=-inf, metavar="S", help="Start time, s.")
@@ -40,6 +47,8 @@ def command(
     csv: Path | None,
     parquet: Path | None,
     npz: Path | None,
+    gif: Path | None,
+    mp4: Path | None,
     mcap: Path | None,
     force: bool,
     start: float,
@@ -47,32 +56,40 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write a recorded run as CSV, Parquet, NumPy archive or MCAP; SI units and radians.
+    """Write a recorded run as CSV, Parquet, NumPy archive, GIF, MP4 or MCAP; SI units and radians.
 
     Times are simulated seconds, by the messages' stamps; both ends are included.
     """
-    if not (csv or parquet or npz or mcap):
-        ctx.fail("give at least one of --csv, --parquet, --npz, --mcap")
+    files = {"csv": csv, "parquet": parquet, "npz": npz, "gif": gif, "mp4": mp4, "mcap": mcap}
+    if not any(files.values()):
+        ctx.fail(f"give at least one of {', '.join(f'--{suffix}' for suffix in files)}")
     if topics and not mcap:
         ctx.fail("--topics is for --mcap only; tables have fixed columns")
     if not start <= end:
         ctx.fail(f"--from {start:g} must not be after --to {end:g}")
-    for output, suffix in ((csv, "csv"), (parquet, "parquet"), (npz, "npz"), (mcap, "mcap")):
+    for suffix, output in files.items():
         if output is not None:
             check_output(output, (f".{suffix}",), force, [run], f"--{suffix}")
     recorded = open_run(run)
     show_damage(recorded)
     written: list[dict[str, object]] = []
-    if csv or parquet or npz:
-        table = window(RunTable.from_run(recorded), start, end)
+    if csv or parquet or npz or gif or mp4:
+        table = window(all_columns(recorded, RunTable.from_run(recorded)), start, end)
         if csv:
-            table.write_csv(csv)
+            write_csv(table, csv)
         if parquet:
             write_parquet(table, parquet)
         if npz:
             write_npz(table, npz)
-        for output in filter(None, (csv, parquet, npz)):
-            written.append({"file": output, "rows": len(table.t), "messages": None})
+        if gif or mp4:
+            from ..views.film import write_gif, write_mp4
+
+            plant = recorded.parameters.get("simulator", {})
+            for write, film in ((write_gif, gif), (write_mp4, mp4)):
+                if film:
+                    write(table, plant, film)
+        for output in filter(None, (csv, parquet, npz, gif, mp4)):
+            written.append({"file": output, "rows": len(table["t"]), "messages": None})
     if mcap:
         count = write_mcap(recorded.recording, mcap, start, end, topics)
         written.append({"file": mcap, "rows": None, "messages": count})

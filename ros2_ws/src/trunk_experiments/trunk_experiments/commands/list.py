@@ -182,11 +182,18 @@ def _metric(run: ListedRun, name: str) -> str:
 @command.command("scenarios")
 @json_option("list-files-1")
 def scenarios(as_json: bool) -> None:
-    """List the shipped scenarios, with their files."""
+    """List the shipped scenarios: what happens in each; trunk list files has their paths."""
     from ..plans.files import SCENARIOS, shipped_files
 
-    files = shipped_files()
-    _files({name: files[name] for name in SCENARIOS}, as_json)
+    files = {name: path for name, path in shipped_files().items() if name in SCENARIOS}
+    if as_json:
+        _files(files, as_json)
+        return
+    rows = []
+    for name, path in files.items():
+        first, _, _ = path.read_text("utf-8").partition("\n")
+        rows.append((name, first.removeprefix("# ")))
+    click.echo("\n".join(aligned(rows)))
 
 
 @command.command("files")

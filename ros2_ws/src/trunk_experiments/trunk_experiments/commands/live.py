@@ -44,7 +44,16 @@ _HAND = {"operator.force": 100.0, "operator.torque": 40.0}
     "Folder for the recording, parameters and logs.  [default: runs/TIME_SCENARIO_CONTROLLER]",
     force="Replace the files of a run that is in the folder.",
 )
-@click.option("--lockstep", is_flag=True, help="In lock-step, at a speed that the page can change.")
+@click.option(
+    "--realtime",
+    is_flag=True,
+    help="Paced by the clock, whether answers came in time or not.  [default with --external]",
+)
+@click.option(
+    "--lockstep",
+    is_flag=True,
+    help="The plant waits for every answer, at a speed that the page can change.  [default]",
+)
 @click.option(
     "--attach",
     metavar="NAMESPACE",
@@ -65,6 +74,7 @@ def command(
     controller: tuple[str, ...],
     output: Path | None,
     force: bool,
+    realtime: bool,
     lockstep: bool,
     attach: str | None,
     foxglove: int | None,
@@ -82,6 +92,7 @@ def command(
     The run goes on until it is stopped, in the page or by Ctrl-C, and is recorded.
     """
     host = checked_host(host, url)
+    paced_by_clock = _paced_by_clock(realtime, lockstep, options["external"] is not None)
     middleware.prepare()
     if attach is not None:
         _check_alone()
@@ -90,7 +101,7 @@ def command(
     check_nodes_installed()
     click.get_current_context().with_resource(claimed_domain())
     everywhere: dict[str, object] = {"duration": 0.0}
-    if lockstep:
+    if not paced_by_clock:
         everywhere |= {"lockstep.enabled": True, "lockstep.speed": 1.0}
     first, *others = controller
     plan = plan_of(
@@ -138,6 +149,17 @@ def command(
             _show_report(gateway, run, files.folder / _REPORT)
         if not recording.complete:
             click.get_current_context().exit(1)
+
+
+def _paced_by_clock(realtime: bool, lockstep: bool, external: bool) -> bool:
+    """Return True for a run paced by the clock. Raises PlanError if both modes are asked for.
+
+    The default is lock-step, which is exact on a busy machine too. Somebody else's node need not answer every
+    state, nor stamp its commands, and lock-step would wait for it in vain.
+    """
+    if realtime and lockstep:
+        raise PlanError("--realtime does not go with --lockstep: give one of them")
+    return realtime or (external and not lockstep)
 
 
 def _check_alone() -> None:

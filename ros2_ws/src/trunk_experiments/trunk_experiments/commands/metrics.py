@@ -36,7 +36,11 @@ def show_metrics(run: RecordedRun, title: str) -> None:
         f"{title}, INCOMPLETE" if doubts.incomplete else title,
         ("quantity", "value", "unit"),
         [
-            (q.label, missing(key, level) if values[key] is None else f"{values[key]:.6g}", q.unit)
+            (
+                q.label,
+                missing(key, level) if values[key] is None else f"{values[key]:.6g}",
+                q.terminal_unit,
+            )
             for key, q in QUANTITIES.items()
         ],
     )

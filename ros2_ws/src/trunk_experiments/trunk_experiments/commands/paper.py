@@ -75,13 +75,18 @@ def command(
 
 
 def _show(result: Reproduction, report: Path, graph: bool) -> None:
+    from ..paper.report import lead
+
+    click.echo(f"{lead(result)}\n")
     print_table(
         "claims of the paper, by our runs",
-        ("claim", "figure", "paper's profile", "practical profile"),
+        ("figure", "paper's profile", "practical profile", "the paper"),
         [
-            (offline.claim.key, offline.claim.figures, offline.word, practical.word)
+            (offline.claim.figures, offline.word, practical.word, offline.claim.quote)
             for offline, _, practical in result.verdicts()
         ],
+        texts=3,
+        sentences=True,
     )
     if graph:
         same = len(result.graph) - len(result.differing)

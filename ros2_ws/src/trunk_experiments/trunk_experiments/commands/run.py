@@ -21,6 +21,7 @@ from ..console.plan_options import (
     plan_of,
     plan_options,
     plan_values,
+    push_option,
 )
 from ..console.progress import progress_bar
 from ..console.reading import Values, run_values, written_values
@@ -38,6 +39,7 @@ from .metrics import show_metrics
 
 @click.command("run")
 @plan_options
+@push_option
 @external_option
 @output_options(
     "Folder for the recording, parameters and logs.  [default: runs/TIME_SCENARIO_CONTROLLER]",

@@ -16,7 +16,14 @@ from trunk_sim.simulation import DivergedError
 
 from ..console.document import json_option, write_json
 from ..console.outputs import check_output, output_options
-from ..console.plan_options import files_read, markers_option, plan_of, plan_options, plan_values
+from ..console.plan_options import (
+    files_read,
+    markers_option,
+    plan_of,
+    plan_options,
+    plan_values,
+    push_option,
+)
 from ..console.terminal import line_of, report_error
 from ..errors import PlanError
 
@@ -29,6 +36,7 @@ _LONG = 100_000  # states, which take seconds
 
 @click.command("simulate")
 @partial(plan_options, required=False)
+@push_option
 @output_options("The MCAP file to write.", required=True)
 @markers_option
 @click.option(
@@ -84,7 +92,12 @@ def _check_alone(context: click.Context) -> None:
     """Raise PlanError for what --like would ignore: the recording has the whole run."""
     for name in context.params.keys() - {"output", "force", "like", "markers", "as_json"}:
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
-            given = {"settings": "--set", "swaps": "--swap-at", "scenario": "SCENARIO"}
+            given = {
+                "settings": "--set",
+                "swaps": "--swap-at",
+                "pushes": "--push",
+                "scenario": "SCENARIO",
+            }
             raise PlanError(
                 f"{given.get(name, f'--{name}')} does not go with --like: the recording says what is run; "
                 "give a SCENARIO to run another"

@@ -41,6 +41,18 @@ def markers_option(function: Function) -> Function:
     )(function)
 
 
+def push_option(function: Function) -> Function:
+    """Add ``--push``, for the verbs that run a scenario."""
+    return click.option(
+        "--push",
+        "pushes",
+        multiple=True,
+        metavar="[CHANNEL=]VALUE:DURATION[@TIME]",
+        help="A pulse besides the scenario's disturbances, such as 60Nm:0.1s@3 or hip_effort=300N:50ms@2.5s; "
+        "repeatable.",
+    )(function)
+
+
 def plan_options(function: Function, required: bool = True, several: bool = False) -> Function:
     """Add the argument and options from which `plan_of` makes a plan; ``several``: controllers."""
     options = [
@@ -119,6 +131,7 @@ def plan_of(
     standby: Sequence[str] = (),
     below: Mapping[str, object] | None = None,
     external: str | None = None,
+    pushes: Sequence[str] = (),
 ) -> RunPlan:
     """Return the plan for the options of `plan_options`, with ``extra`` for all nodes.
 
@@ -143,6 +156,7 @@ def plan_of(
         standby=standby,
         below=below,
         external=external,
+        pushes=pushes,
     )
     show_warnings(plan.warnings)
     return plan

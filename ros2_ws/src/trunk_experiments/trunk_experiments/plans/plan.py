@@ -36,6 +36,7 @@ from .files import find_file, parse_setting, scenario_layers
 from .layers import config_from
 from .nodes import CONTROLLERS, declared_names
 from .operated import Pushes, RealTimeInputs
+from .pushes import with_pushes
 from .timeline import Change, Timeline
 from .turns import Swap, turns_of
 
@@ -129,6 +130,7 @@ def make_plan(
     standby: Sequence[str] = (),
     below: Mapping[str, object] | None = None,
     external: str | None = None,
+    pushes: Sequence[str] = (),
 ) -> RunPlan:
     """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
 
@@ -140,6 +142,7 @@ def make_plan(
     ``standby``: controllers that are started too, and act when somebody configures and activates them.
     ``external``: instead of a controller of ours, somebody else's node gives the commands; the run goes by
     this name, or, if empty, by the node's own.
+    ``pushes``: pulses on top of the disturbances, as `pushes.parse_push` reads them.
     ``others``: nodes that ``settings`` may name besides those of this run. ``source`` names
     ``everywhere`` in messages.
     Raises PlanError, ParameterFileError or ParameterError, each one line that says what to do.
@@ -171,6 +174,8 @@ def make_plan(
     # It publishes one plant step ahead: at another rate, its last message would not be for any step.
     disturbance = with_values(found["disturbance"].config, update_rate=simulator.update_rate)
     end = simulator.duration or inf
+    if pushes:
+        disturbance = with_pushes(disturbance, pushes, end)
     warnings += [
         f"--swap-at {swap.time:g}:{swap.controller}: the run ends at {end:g} s, before that"
         for swap in swaps

@@ -91,7 +91,8 @@ class Doubts:
             if self.moved_deg is not None:
                 moved = f"; in lock-step the angle differs by up to {self.moved_deg:.3g} degrees"
             found.append(
-                f"LATE: real time was not kept, {self.late} of {self.steps} steps late{moved}"
+                f"LATE: the machine was too busy, {self.late} of {self.steps} steps late{moved}: "
+                "--lockstep gives the exact run"
             )
         return found
 

@@ -61,8 +61,8 @@ def compare_study(
 ) -> list[MeanDifference]:
     """Return all pairs of controllers, metric by metric, beginning with how often each falls.
 
-    Runs are paired by grid point and draw. Angles and errors that may be negative are compared by their
-    magnitude. ``done`` is called after each difference.
+    Runs are paired by grid point and draw. Errors that may be negative are compared by their
+    magnitude, the smallest and the largest angle with their signs. ``done`` is called after each difference.
     Raises StudyError for a single controller or an unknown metric.
     """
     names = results.controllers
@@ -89,7 +89,7 @@ def _sorted(results: Results) -> dict[str, Floats]:
     """Return one controller's columns in the order of grid points and draws; NaN where it fell."""
     order = np.lexsort((results.column("draw"), results.column("point")))
     fallen = results.fallen[order]
-    columns = {name: np.abs(results.column(name)[order]) for name in METRICS}
+    columns = {name: results.judged(name)[order] for name in METRICS}
     return {
         PAIR: np.stack([results.column("point")[order], results.column("draw")[order]]),
         FELL: fallen,

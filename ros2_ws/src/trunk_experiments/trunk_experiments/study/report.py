@@ -16,6 +16,7 @@ from shlex import quote
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from ..analysis.metrics import QUANTITIES
 from ..errors import StudyError
@@ -25,6 +26,7 @@ from .compare import MeanDifference, compare_study
 from .intervals import RESAMPLES
 from .map import draw, panels
 from .results import METRICS, Results
+from .scatter_plot import drawn_parameters, scatter
 from .summary import (
     Falls,
     MetricDistribution,
@@ -72,6 +74,7 @@ class MetricPart:
     high: str
     histograms: tuple[Histogram, ...]
     differences: tuple[MeanDifference, ...]
+    scatter: str  # against each drawn parameter, as a data URL; empty: nothing is drawn
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ def make_report(
         falls=tuple(found),
         doubts=tuple(_doubts(found)),
         metrics=tuple(
-            _part(name, some, [d for d in differences if d.metric == name])
+            _part(results, name, some, [d for d in differences if d.metric == name])
             for name, some in spread.items()
         ),
         maps=tuple(_maps(results, metric, axes, floquet)) if axes else (),
@@ -188,14 +191,20 @@ def _maps(
     found = panels(results, metric, axes, floquet is not None, floquet or (lambda done, of: None))
     pictures = []
     for panel in found:
-        picture = drawn(draw([panel], metric, axes, "", among=found), ".png")
-        data = base64.b64encode(picture).decode("ascii")
-        pictures.append((panel.controller, f"data:image/png;base64,{data}"))
+        picture = draw([panel], metric, axes, "", among=found)
+        pictures.append((panel.controller, _data_url(picture)))
     return pictures
 
 
+def _data_url(figure: Figure) -> str:
+    return f"data:image/png;base64,{base64.b64encode(drawn(figure, '.png')).decode('ascii')}"
+
+
 def _part(
-    metric: str, found: list[MetricDistribution], differences: list[MeanDifference]
+    results: Results,
+    metric: str,
+    found: list[MetricDistribution],
+    differences: list[MeanDifference],
 ) -> MetricPart:
     edges = bins_of(found)
     counts = [[0] if edges is None else counts_in(one.values, edges) for one in found]
@@ -223,6 +232,7 @@ def _part(
         high=high,
         histograms=tuple(histograms),
         differences=tuple(differences),
+        scatter=_data_url(scatter(results, metric)) if drawn_parameters(results) else "",
     )
 
 

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 
 from trunk_msgs_util.recording.joint_arrays import Floats
 
-from ..analysis.metrics import RunMetrics
+from ..analysis.metrics import QUANTITIES, RunMetrics
 from ..errors import StudyError
 from .file import parse_study
 from .resolved import bases_from
@@ -109,6 +109,15 @@ class Results:
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
             raise StudyError(f"{self.path}: column {name!r} holds no numbers") from None
         return np.asarray(values, dtype=np.float64)
+
+    def judged(self, metric: str) -> Floats:
+        """Return a metric's values, as magnitudes where a smaller magnitude is better.
+
+        The smallest and the largest angle keep their signs. Raises StudyError for another name.
+        """
+        values = self.column(metric)
+        known = QUANTITIES.get(metric)
+        return values if known and not known.judged else np.abs(values)
 
     @property
     def fallen(self) -> Floats:

@@ -45,7 +45,7 @@ class Falls:
 
 @dataclass(frozen=True)
 class MetricDistribution:
-    """A metric's magnitudes over the runs in which a controller stood and the metric exists."""
+    """A metric's values (`Results.judged`) over the runs that stood and have the metric."""
 
     metric: str
     controller: str
@@ -111,7 +111,7 @@ def _standing(results: Results) -> Results:
 
 
 def _distribution(metric: str, results: Results, controller: str) -> MetricDistribution:
-    values = np.abs(results.column(metric))
+    values = results.judged(metric)
     values = values[~np.isnan(values)]
     mean, median = mean_and_median(values)
     return MetricDistribution(metric, controller, len(results.table), values, mean, median)

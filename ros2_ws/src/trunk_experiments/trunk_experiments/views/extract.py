@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import replace
+from collections.abc import Collection, Mapping
 from importlib import import_module
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.writer import Writer
@@ -15,39 +15,50 @@ from trunk_msgs_util import topics as names
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.recording.digests import END, PROVENANCE
 from trunk_msgs_util.recording.file import RecordingFile
+from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.recording.messages import Messages
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import NANOSECONDS
 
-from ..analysis.run_table import CSV_COLUMNS, RunTable
 from ..recorded.message_stamps import message_stamps
 
-COLUMNS = (*CSV_COLUMNS, "alpha")
+_CSV_ROWS = 8192  # written at a time
 
 
-def window(table: RunTable, start: float = -inf, end: float = inf) -> RunTable:
+def window(
+    columns: Mapping[str, Floats], start: float = -inf, end: float = inf
+) -> dict[str, Floats]:
     """Return the rows with ``start <= t <= end``, in s."""
-    first = int(np.searchsorted(table.t, start, side="left"))
-    last = int(np.searchsorted(table.t, end, side="right"))
-    return replace(table, **{name: getattr(table, name)[first:last] for name in COLUMNS})
+    first = int(np.searchsorted(columns["t"], start, side="left"))
+    last = int(np.searchsorted(columns["t"], end, side="right"))
+    return {name: column[first:last] for name, column in columns.items()}
 
 
-def write_parquet(table: RunTable, path: Path) -> None:
-    """Write `COLUMNS` as Parquet, doubles to the last bit."""
+def write_csv(columns: Mapping[str, Floats], path: Path) -> None:
+    """Write columns as CSV, one row per state; every number reads back as the same double."""
+    with atomic_write(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        file.write(",".join(columns) + "\n")
+        for start in range(0, len(columns["t"]), _CSV_ROWS):
+            rows = np.column_stack([c[start : start + _CSV_ROWS] for c in columns.values()])
+            file.writelines(",".join(map(repr, row)) + "\n" for row in rows.tolist())
+
+
+def write_parquet(columns: Mapping[str, Floats], path: Path) -> None:
+    """Write columns as Parquet, doubles to the last bit."""
     pyarrow = import_module("pyarrow")  # untyped, and 0.2 s to import
     parquet = import_module("pyarrow.parquet")
-    columns = {name: np.ascontiguousarray(getattr(table, name)) for name in COLUMNS}
+    arrays = {name: np.ascontiguousarray(column) for name, column in columns.items()}
     with atomic_write(path) as part, part.open("wb") as file:
-        parquet.write_table(pyarrow.table(columns), file, compression="zstd")
+        parquet.write_table(pyarrow.table(arrays), file, compression="zstd")
 
 
-def write_npz(table: RunTable, path: Path) -> None:
-    """Write `COLUMNS` as a compressed NumPy archive, one array each."""
+def write_npz(columns: Mapping[str, Floats], path: Path) -> None:
+    """Write columns as a compressed NumPy archive, one array each."""
     with (
         atomic_write(path) as part,
         part.open("wb") as file,
     ):  # given a name, NumPy would append .npz
-        np.savez_compressed(file, **{name: getattr(table, name) for name in COLUMNS})
+        np.savez_compressed(file, **dict[str, Any](columns))  # its other arguments are typed too
 
 
 def write_mcap(

@@ -13,8 +13,9 @@ from trunk_msgs_util.files import atomic_write
 
 from ..errors import PlanError
 
-# Okabe and Ito's colours, distinct with any colour vision, and line styles that survive grey print.
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+# Okabe and Ito's colours without the yellow, distinct with any colour vision, and a violet; line styles that
+# survive grey print.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#5E4FA2")
 DASHES: tuple[Any, ...] = (
     "solid",
     (0, (6, 1.6)),
@@ -53,7 +54,7 @@ STYLE = {
 
 
 def line_style(index: int) -> dict[str, Any]:
-    """Return colour and dashes of the i-th run; up to 7 x 5 runs look different."""
+    """Return colour and dashes of the i-th run; up to 8 x 5 runs look different."""
     return {
         "color": COLORS[index % len(COLORS)],
         "linestyle": DASHES[index % len(DASHES)],

@@ -155,7 +155,7 @@ def _tables(compared: Compared) -> list[tuple[str, Row, list[Row]]]:
     return [
         ("how often it fell [95 %: Wilson]", _FALLS, list(map(_fall_cells, compared.falls))),
         (
-            f"mean and median of |quantity| [95 %: percentile bootstrap, {RESAMPLES} resamples]",
+            f"mean and median, |error| [95 %: percentile bootstrap, {RESAMPLES} resamples]",
             _STOOD,
             _by_metric(stood),
         ),
@@ -178,7 +178,7 @@ def _by_metric(rows_of: Mapping[str, list[Row]]) -> list[Row]:
     for metric, rows in rows_of.items():
         if rows:
             quantity = QUANTITIES[metric]
-            lines.append((quantity.label, quantity.unit, *[""] * (len(rows[0]) - 2)))
+            lines.append((quantity.label, quantity.terminal_unit, *[""] * (len(rows[0]) - 2)))
             lines += [(f"{_INDENT}{name}", *rest) for name, *rest in rows]
     return lines
 

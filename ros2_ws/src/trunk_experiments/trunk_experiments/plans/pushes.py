@@ -1,11 +1,11 @@
-"""Pushes of a branch: rectangular pulses, added to the run's own disturbances."""
+"""Pushes: rectangular pulses, added to the disturbances that a run has anyway."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from trunk_msgs_util.parameters.declarations import UnitError, Value
+from trunk_msgs_util.parameters.declarations import UnitError, Value, build, values_of
 from trunk_msgs_util.parameters.to_si import number_in
 from trunk_msgs_util.units import held, nanoseconds, seconds
 from trunk_sim.disturbance_config import DisturbanceConfig
@@ -50,8 +50,20 @@ def parse_push(text: str, at: float) -> Push:
     if not (0.0 < duration < 1e6 and nanoseconds(duration) and abs(value) <= 1e9):
         raise PlanError(f"{needed}; DURATION above 0 s")
     if not at <= start < 1e6:
-        raise PlanError(f"--push {text!r}: it starts at {start:g} s, before the branch at {at:g} s")
+        raise PlanError(f"--push {text!r}: it starts at {start:g} s: give a time from {at:g} s on")
     return Push(channel, value, start, duration)
+
+
+def with_pushes(config: DisturbanceConfig, texts: Sequence[str], end: float) -> DisturbanceConfig:
+    """Return a disturbance with the pushes of a run to ``end`` s; one without a time acts from 0 s on.
+
+    Raises PlanError.
+    """
+    pushes = [parse_push(text, 0.0) for text in texts]
+    for text, push in zip(texts, pushes, strict=True):
+        if push.start > end:
+            raise PlanError(f"--push {text!r}: the run ends at {end:g} s: give an earlier time")
+    return build(DisturbanceConfig, {**values_of(config), **pushed(config, pushes)})
 
 
 def pushed(config: DisturbanceConfig, pushes: Sequence[Push]) -> Mapping[str, Value]:
