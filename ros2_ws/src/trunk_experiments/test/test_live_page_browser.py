@@ -92,6 +92,8 @@ def test_on_a_desk_all_is_on_one_screen(opened, scheme):
         assert page.evaluate(HIDDEN, selector) == [], selector
     assert page.locator("#gains .knob").count() == 4
     assert page.locator("#live-charts .chart").count() == 5
+    assert page.locator("#stop").is_visible()
+    assert page.locator("#speed-label").is_visible()
     middles = page.locator(".bar :is(button, select, input, output):visible").evaluate_all(
         "all => all.map((one) => one.getBoundingClientRect()).map((box) => (box.top + box.bottom) / 2)"
     )
@@ -210,7 +212,7 @@ def test_changes_are_marked_saved_and_taken_back(opened, tmp_path):
     field = page.locator("#gain-fuzzy_pid-gains-d_min")
     field.fill("8.5")
     field.press("Enter")
-    settled(page, "document.getElementById('edited').textContent", "2 changed")
+    settled(page, "document.getElementById('save').textContent", "Save as YAML (2)")
     with page.expect_download() as download:
         page.click("#save")
     path = tmp_path / download.value.suggested_filename
@@ -230,7 +232,7 @@ def test_changes_are_marked_saved_and_taken_back(opened, tmp_path):
         settled(page, "document.getElementById('undo').disabled", False)
         page.keyboard.press("Control+z")
         settled(page, expression, value)
-    settled(page, "document.getElementById('edited').textContent", "")
+    settled(page, "document.getElementById('save').textContent", "Save as YAML")
 
 
 def test_what_is_refused_leaves_nothing_to_undo(opened):

@@ -141,7 +141,7 @@ const strips = (() => {
     chart.plot = new uPlot({
       width: Math.max(chart.target.clientWidth, 60), height: chart.target.clientHeight, padding: [8, 8, 0, 0],
       scales: { x: { time: false, auto: false }, y: { range: (_, low, high) => spread(low, high) } },
-      axes: [{ ...axis, size: 24 }, { ...axis, size: 52 }],
+      axes: [{ ...axis, size: 28 }, { ...axis, size: 52 }],
       legend: { show: false }, cursor: { show: false }, hooks: { draw: [marks] },
       series: [{}, ...chart.kind.lines.map((one) => ({
         stroke: cssColor(one.color), width: one.width ?? 1.8, dash: one.dash, points: { show: false },

@@ -4,7 +4,6 @@ const edits = (() => {
   const MOST = 200; // changes that can be undone
   const undoing = document.getElementById("undo");
   const saving = document.getElementById("save");
-  const edited = document.getElementById("edited");
   const changes = []; // { node, before, gesture }, the latest last
   const first = new Map(); // "node parameter" -> its value before this page changed it
 
@@ -83,8 +82,7 @@ const edits = (() => {
     undoing.title = last ? `${last.node}: ${Object.keys(last.before).join(", ")} as before` : "";
     const count = kept().reduce((sum, [, names]) => sum + names.length, 0);
     saving.disabled = !count;
-    const words = count ? `${count} changed` : "";
-    if (edited.textContent !== words) edited.textContent = words;
+    saving.textContent = count ? `Save as YAML (${count})` : "Save as YAML";
   };
   return { set, undo, isDefault, yaml, show };
 })();

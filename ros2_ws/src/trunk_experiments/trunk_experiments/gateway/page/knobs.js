@@ -73,9 +73,10 @@ const knobs = (() => {
     code.append(...name.split(/(?<=[._])/).flatMap((part) => [part, document.createElement("wbr")]));
     label.append(code);
     const unit = element("span", "sub unit", about.unit);
-    const words = element("p", "about", `${about.description}; ${about.allowed}${about.fixed ? "; fixed at start" : ""}`);
+    const whole = `${about.description}; ${about.allowed}${about.fixed ? "; fixed at start" : ""}`;
+    const words = element("p", "about", gain ? about.description : whole);
     words.id = `${id}-about`;
-    if (gain) words.title = words.textContent;
+    words.title = gain ? whole : "";
     const refused = element("p", "refused");
     refused.setAttribute("role", "status");
     const reset = element("button", "reset", "↺");
