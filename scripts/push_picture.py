@@ -95,7 +95,7 @@ def main() -> None:
         page.goto(found[1])
         page.wait_for_selector("html[data-ready]")
         pictures = _film(page)
-        page.set_viewport_size({"width": 1280, "height": 1560})
+        page.set_viewport_size({"width": 1400, "height": 900})
         page.wait_for_timeout(1000)
         page.screenshot(path=whole)
         chromium.close()

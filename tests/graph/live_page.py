@@ -87,9 +87,8 @@ class LivePage:
 
     def knob(self, node: str, name: str) -> Any:
         """Return the field of a parameter, its section unfolded."""
-        self.page.locator("#knobs summary", has_text=re.compile(f"^{node}$")).evaluate(
-            "summary => { summary.parentElement.open = true; }"
-        )
+        section = self.page.locator(f"#knobs details[data-node={node}]")
+        section.evaluate("details => { details.open = true; }")
         return self.page.locator(f"[id='knob-{node}-{name.replace('.', '-')}']")
 
 

@@ -83,6 +83,19 @@ def test_what_a_person_does_takes_effect_and_is_recorded(
     assert live.get("known.nodes.get('fuzzy_pid').parameters['gains.d_min']") == 8.5
     page.click("#alarm-close")
 
+    # What is saved is a parameter file that would change nothing here.
+    with page.expect_download() as download:
+        page.click("#save")
+    download.value.save_as(tmp_path / "saved.yaml")
+    same = children.trunk("params", "apply", "fuzzy_pid", tmp_path / "saved.yaml", "--dry-run")
+    assert same.wait() == 0, same.stderr
+    assert "->" not in same.stdout
+    page.click("#undo")  # the slider
+    live.until("known.nodes.get('fuzzy_pid').parameters['gains.p_max'] === 60")
+    other = children.trunk("params", "apply", "fuzzy_pid", tmp_path / "saved.yaml", "--dry-run")
+    assert other.wait() == 0, other.stderr
+    assert "gains.p_max: 60.0 -> 70" in other.stdout
+
     # A cell of the rules by a click; two as one change.
     cell = page.locator("#tables .rule-table").nth(0).locator("td button")
     cell.nth(0).click()

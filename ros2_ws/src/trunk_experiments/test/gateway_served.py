@@ -52,9 +52,9 @@ class Feed:
 class Served:
     """A gateway that serves in this process, and clients of it."""
 
-    def __init__(self, stoppable=False, url=""):
+    def __init__(self, stoppable=False, url="", feed=None):
         listening, self.port = bind_unused_port()
-        self.feed, self.said = Feed(), []
+        self.feed, self.said = feed or Feed(), []
         self.tokens = Tokens.new()
         site = Site.at(url or f"http://127.0.0.1:{self.port}")
         self.gateway = Gateway(

@@ -86,7 +86,7 @@ def test_a_recording_is_played_sought_and_looped(watched, swapped):
     page.click("#play")
     stopped = page.evaluate("() => view.time")
     assert page.locator("#pause").is_hidden()
-    assert page.locator("#knobs input:enabled:not(.find)").count() == 0
+    assert page.locator(".knob :is(input, select):enabled, .knob button:visible").count() == 0
     page.locator("#seek").fill("2.5")
     row = int(np.searchsorted(truth.stamp_ns, 2_500_000_000, side="right")) - 1
     page.wait_for_function("() => document.getElementById('time').textContent === '2.50 s'")
@@ -149,7 +149,7 @@ def test_hostile_words_stay_text(watched, hostile_run):
     page.evaluate("() => document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     page.wait_for_function("() => known.plant.count > 0")
     assert page.evaluate("() => document.images.length") == 0
-    assert page.evaluate("() => document.scripts.length") == 13
+    assert page.evaluate("() => document.scripts.length") == 14
 
 
 def test_a_broken_file_is_refused_before_anything_is_served(tmp_path):

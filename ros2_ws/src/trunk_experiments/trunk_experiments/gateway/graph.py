@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from .board import Board
 
-_EVENTS = 300  # that a page can look back to
+_EVENTS = 300  # that a page can look back to, from when it is opened
 _STATES = {
     Event.CONFIGURED: "inactive",
     Event.ACTIVATED: "active",
@@ -80,12 +80,14 @@ class NodeSeen:
 class Graph:
     """The nodes of one namespace; what changes is put on the board."""
 
-    def __init__(self, board: Board) -> None:
+    def __init__(self, board: Board, kept: int = _EVENTS) -> None:
+        """``kept``: how many of the latest events the board has."""
         self.nodes: dict[str, NodeSeen] = {}
         self.started = self.ended = self.paused = False
         self._board = board
         self._number = 0  # of the last event
-        self._events: deque[dict[str, object]] = deque(maxlen=_EVENTS)
+        self._events: deque[dict[str, object]] = deque(maxlen=kept)
+        self._dropped = 0
 
     def node(self, name: str) -> NodeSeen:
         """Return a node; one that is not known yet is added."""
@@ -111,7 +113,7 @@ class Graph:
             self._put_plant()
 
     def event(self, name: str, stamp_ns: int, message: str, values: Mapping[str, str]) -> None:
-        """Take a run event."""
+        """Take a run event; `put_events` shows it."""
         node = self.node(name)
         if message == Event.CONFIGURED:
             node.be(values.get("kind", ""), values.get("process", ""))
@@ -130,6 +132,7 @@ class Graph:
             Event.RETUNED,
         ):
             self._events.pop()  # dragging a slider counts as one event
+        self._dropped += len(self._events) == self._events.maxlen
         self._events.append(
             {
                 "number": self._number,
@@ -139,8 +142,11 @@ class Graph:
                 "values": dict(values),
             }
         )
-        self._board.put("events", events=list(self._events))
         self.put_run()
+
+    def put_events(self) -> None:
+        """Put the latest events, and how many there were before them."""
+        self._board.put("events", events=list(self._events), before=self._dropped)
 
     def diagnosed(self, name: str, level: int, message: str, values: Mapping[str, str]) -> None:
         """Take what a node reports of its health, once a second."""
@@ -171,7 +177,9 @@ class Graph:
             "declared",
             node.name,
             parameters={
-                name: _declared(declared[name]) for name in node.values if name in declared
+                name: _declared(declared[name], node.config_class)
+                for name in node.values
+                if name in declared
             },
         )
         self.put_run()
@@ -194,8 +202,10 @@ class Graph:
         )
 
 
-def _declared(one: Declaration) -> dict[str, object]:
+def _declared(one: Declaration, config: type[Any] | None) -> dict[str, object]:
+    controller = config is not None and issubclass(config, ControllerConfig)
     return {
+        "law": controller and one.name not in declarations(ControllerConfig),
         "kind": one.kind,
         "unit": one.unit,
         "description": one.description,

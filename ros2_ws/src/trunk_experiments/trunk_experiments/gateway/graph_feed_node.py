@@ -164,6 +164,7 @@ class GraphFeed:
                 values = {one.key: one.value for one in status.values}
                 stamp_ns = stamp_from_ros(message.header.stamp)
                 self.graph.event(name, stamp_ns, status.message, values)
+        self.graph.put_events()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -23,6 +23,7 @@ _PAGE = {
             "scene.js",
             "grip.js",
             "charts.js",
+            "edits.js",
             "rules.js",
             "knobs.js",
             "health.js",

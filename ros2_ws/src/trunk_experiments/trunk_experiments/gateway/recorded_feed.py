@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
     from .protocol import Asked
 
+_EVENTS = 10_000  # a hostile file may hold any number
+
 
 class RecordedFeed:
     """A recorded run. What happened to its parameters later is among its events."""
@@ -35,12 +37,13 @@ class RecordedFeed:
         self.streams: list[Stream] = []
         run = RecordedRun.open(path)
         recording = run.recording
-        self._graph = Graph(self.board)
+        self._graph = Graph(self.board, kept=_EVENTS)
         for node, values in run.parameters.items():
             self._graph.parameters(node, values)
         for event in run.events:
             name = recording.relative(event.node)
             self._graph.event(name, event.stamp_ns, event.message, event.values)
+        self._graph.put_events()
         self._add(PLANT, _plant(run.joints(topics.GROUND_TRUTH).by_stamp()))
         if run.count(topics.OPERATOR_PUSH):
             pushes = run.joints(topics.OPERATOR_PUSH).by_stamp()

@@ -141,13 +141,34 @@ const strips = (() => {
     chart.plot = new uPlot({
       width: Math.max(chart.target.clientWidth, 60), height: chart.target.clientHeight, padding: [8, 8, 0, 0],
       scales: { x: { time: false, auto: false }, y: { range: (_, low, high) => spread(low, high) } },
-      axes: [{ ...axis, size: 30 }, { ...axis, size: 52 }],
-      legend: { show: false }, cursor: { show: false },
+      axes: [{ ...axis, size: 28 }, { ...axis, size: 52 }],
+      legend: { show: false }, cursor: { show: false }, hooks: { draw: [marks] },
       series: [{}, ...chart.kind.lines.map((one) => ({
         stroke: cssColor(one.color), width: one.width ?? 1.8, dash: one.dash, points: { show: false },
       }))],
     }, [[], ...chart.kind.lines.map(() => [])], chart.target);
     for (const { one, stroke } of chart.keys) stroke.setAttribute("stroke", cssColor(one.color));
+  };
+  // A fall is a moment: a line across the charts.
+  const marks = (plot) => {
+    const { left, top, width, height } = plot.bbox;
+    const { ctx } = plot;
+    ctx.save();
+    ctx.strokeStyle = ctx.fillStyle = cssColor("--limit");
+    ctx.lineWidth = devicePixelRatio;
+    ctx.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
+    ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
+    ctx.textAlign = "left";
+    for (const { event, t } of known.events) {
+      const x = Math.round(plot.valToPos(t, "x", true)) + 0.5;
+      if (event !== "fell" || x < left || x > left + width) continue;
+      ctx.beginPath();
+      ctx.moveTo(x, top);
+      ctx.lineTo(x, top + height);
+      ctx.stroke();
+      ctx.fillText("fell", x + 3 * devicePixelRatio, top + 11 * devicePixelRatio);
+    }
+    ctx.restore();
   };
   const spread = (low, high) => {
     if (!Number.isFinite(low) || !Number.isFinite(high)) return [-1, 1];

@@ -34,10 +34,15 @@ const health = (() => {
   const table = document.getElementById("health");
   const list = document.getElementById("events");
   const gateway = document.getElementById("gateway");
-  const BAD = new Set(["failed", "stopped", "fell"]);
+  const count = document.getElementById("event-count");
+  const earlier = document.getElementById("earlier");
+  const latest = document.getElementById("latest");
+  const BAD = new Set(["failed", "stopped"]); // a fall is a moment: it is marked in the charts
+  const LATEST_MS = 6000;
   const HIDDEN = new Set(["lifecycle"]);
   const counted = new Map(); // of each node, what it says when something is wrong
   let told = -1; // the last event of which is known whether it is bad; -1: the page has just come
+  let fading; // the timer of the words about the latest fall
   const cell = (row, text, bad = false) => {
     const made = row.insertCell();
     made.textContent = text;
@@ -60,18 +65,32 @@ const health = (() => {
     counted.set(name, level > 0 ? message : "ok");
     show();
   };
+  // Angles of events are in rad; people read degrees.
+  const IN_DEGREES = { fell: ["angle", "limit"] };
+  const shown = (event, key, value) =>
+    IN_DEGREES[event]?.includes(key) ? `${key} ${showNumber(Number(value) * DEGREES)}°` : `${key} ${value}`;
+  const described = ({ t, node, event, values }) => {
+    const more = Object.entries(values).filter(([key]) => key !== "process").map(([key, value]) => shown(event, key, value)).join(", ");
+    return `${t.toFixed(3)} s  ${node}: ${event}${more ? ` (${more})` : ""}`;
+  };
   const events = () => {
-    list.replaceChildren();
-    for (const { t, node, event, values } of known.events.toReversed()) {
+    list.replaceChildren(...known.events.toReversed().map((one) => {
       const item = document.createElement("li");
-      const more = Object.entries(values).filter(([key]) => key !== "process").map(([key, value]) => `${key} ${value}`).join(", ");
-      item.textContent = `${t.toFixed(3)} s  ${node}: ${event}${more ? ` (${more})` : ""}`;
-      item.classList.toggle("bad", BAD.has(event));
-      list.append(item);
-    }
-    for (const { number, t, node, event, values } of known.events) {
-      if (number <= told || !BAD.has(event)) continue;
-      if (told >= 0 && !known.recorded) alarm.say(`${node}: ${event} at ${t.toFixed(2)} s${values.reason ? `, ${values.reason}` : ""}`);
+      item.textContent = described(one);
+      item.classList.toggle("bad", BAD.has(one.event));
+      item.classList.toggle("fell", one.event === "fell");
+      return item;
+    }));
+    count.textContent = known.events.length || "";
+    earlier.textContent = known.events_before ? `${known.events_before} earlier ones are in the recording` : "";
+    for (const one of known.events) {
+      const { number, t, node, event, values } = one;
+      if (number <= told || told < 0 || known.recorded) continue;
+      if (BAD.has(event)) alarm.say(`${node}: ${event} at ${t.toFixed(2)} s${values.reason ? `, ${values.reason}` : ""}`);
+      if (event !== "fell") continue;
+      latest.textContent = described(one);
+      clearTimeout(fading);
+      fading = setTimeout(() => { latest.textContent = ""; }, LATEST_MS);
     }
     told = known.events.at(-1)?.number ?? told;
   };

@@ -1,29 +1,53 @@
 "use strict";
-// Every parameter of every node, from its declaration: what it means, in which unit, what is allowed.
+// Every parameter of every node, from its declaration: what it means, in which unit, what is allowed. The gains of the
+// controller that acts stand first; the groups below keep their order.
 const knobs = (() => {
   const place = document.getElementById("knobs");
+  const gains = document.getElementById("gains");
   const EVERY_MS = 120; // a slider that is dragged asks no more often
-  const made = new Map(); // "node parameter" -> { update }
+  const made = new Map(); // "node parameter", and "gain node parameter" -> knob
   const groups = new Map();
   const find = document.createElement("input");
   find.type = "text";
   find.className = "find";
   find.placeholder = "find a parameter";
   find.setAttribute("aria-label", "Find a parameter");
+  const nothing = document.createElement("p");
+  nothing.className = "sub";
+  nothing.textContent = "No parameter has such a name.";
+  nothing.hidden = true;
+  const filter = () => {
+    const wanted = find.value.trim().toLowerCase();
+    for (const group of groups.values()) group.hidden = true;
+    for (const { box, name, node, gain } of made.values()) {
+      if (gain) continue;
+      box.hidden = !`${node} ${name}`.toLowerCase().includes(wanted);
+      if (!box.hidden) groups.get(node).hidden = false;
+    }
+    nothing.hidden = [...groups.values()].some((group) => !group.hidden);
+  };
   find.addEventListener("input", () => {
-    const wanted = find.value.toLowerCase();
-    for (const { box, name, node } of made.values()) box.hidden = !`${node} ${name}`.toLowerCase().includes(wanted);
-    for (const group of groups.values()) if (wanted) group.open = true;
+    filter();
+    for (const group of groups.values()) if (find.value && !group.hidden) group.open = true;
   });
-  place.append(find);
+  place.append(find, nothing);
 
   const finite = (value) => (typeof value === "number" && Number.isFinite(value) ? value : null);
-  // A slider reaches as far from the value as the value is from zero, within the bounds.
-  const reach = (about, value) => {
-    const span = Math.max(Math.abs(value), Math.abs(finite(about.default) ?? 0)) || 1;
-    return [Math.max(value - span, finite(about.low) ?? -Infinity), Math.min(value + span, finite(about.high) ?? Infinity)];
+  const NICE = [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10];
+  const rounded = (value) => Number(value.toPrecision(6));
+  const ceiling = (value) => {
+    const power = 10 ** Math.floor(Math.log10(value));
+    return rounded(NICE.find((factor) => factor * power >= value * (1 - 1e-12)) * power);
   };
-  const text = (value) => (Array.isArray(value) ? value.join("; ") : String(value));
+  // A slider's ends: twice the default or the value, whichever is larger, within the bounds.
+  const reach = (about, value) => {
+    const top = ceiling(2 * Math.max(Math.abs(value), Math.abs(finite(about.default) ?? 0)) || 1);
+    return [Math.max(-top, finite(about.low) ?? -Infinity), Math.min(top, finite(about.high) ?? Infinity)];
+  };
+  const text = (value, digits = (number) => number) => {
+    if (Array.isArray(value)) return value.map((item) => text(item, digits)).join("; ");
+    return String(typeof value === "number" ? digits(value) : value);
+  };
   const parsed = (about, words) => {
     const items = words.split(";").map((item) => item.trim()).filter((item) => item !== "");
     if (about.kind === "string") return words;
@@ -32,25 +56,33 @@ const knobs = (() => {
     if (about.unbounded && /^[+-]?inf$/.test(words.trim())) return words.trim();
     return Number(words);
   };
+  const element = (tag, className, content = "") => {
+    const made = document.createElement(tag);
+    made.className = className;
+    made.textContent = content;
+    return made;
+  };
 
-  const make = (node, name, about) => {
-    const box = document.createElement("div");
-    box.className = "knob";
-    const id = `knob-${node}-${name}`.replace(/[^\w-]/g, "-");
+  const make = (node, name, about, parent, gain) => {
+    const box = element("div", "knob");
+    const id = `${gain ? "gain" : "knob"}-${node}-${name}`.replace(/[^\w-]/g, "-");
     const label = document.createElement("label");
     label.htmlFor = id;
     const code = document.createElement("code");
-    code.textContent = name;
+    // A long name breaks only after a dot or an underscore.
+    code.append(...name.split(/(?<=[._])/).flatMap((part) => [part, document.createElement("wbr")]));
     label.append(code);
-    const unit = document.createElement("span");
-    unit.className = "sub";
-    unit.textContent = about.unit;
-    const words = document.createElement("p");
-    words.className = "about";
-    words.textContent = `${about.description}; ${about.allowed}${about.fixed ? "; fixed at start" : ""}`;
-    const refused = document.createElement("p");
-    refused.className = "refused";
+    const unit = element("span", "sub unit", about.unit);
+    const whole = `${about.description}; ${about.allowed}${about.fixed ? "; fixed at start" : ""}`;
+    const words = element("p", "about", gain ? about.description : whole);
+    words.id = `${id}-about`;
+    words.title = gain ? whole : "";
+    const refused = element("p", "refused");
     refused.setAttribute("role", "status");
+    const reset = element("button", "reset", "↺");
+    reset.type = "button";
+    reset.title = `Reset to the default, ${text(about.default, rounded)}`;
+    reset.setAttribute("aria-label", `Reset ${node} ${name} to its default, ${text(about.default, rounded)}`);
     const number = (about.kind === "double" || about.kind === "integer") && !about.unbounded;
     let input;
     let slider = null;
@@ -67,17 +99,18 @@ const knobs = (() => {
       if (number && !about.fixed) {
         slider = document.createElement("input");
         slider.type = "range";
-        slider.step = about.kind === "integer" ? "1" : "any";
-        slider.setAttribute("aria-label", `${node} ${name}`);
+        slider.setAttribute("aria-label", gain ? `Gain ${name}` : `${node} ${name}`);
       }
     }
     input.id = id;
-    box.append(label, ...(slider ? [slider] : []), input, unit, words, refused);
-    groups.get(node).append(box);
+    input.setAttribute("aria-describedby", words.id);
+    box.append(label, ...(slider ? [slider] : []), input, unit, reset, words, refused);
+    parent.append(box);
 
     let value;
     let asking = false;
     let next;
+    let gesture = null;
     const ask = async (wanted) => {
       next = wanted;
       if (asking) return;
@@ -85,64 +118,103 @@ const knobs = (() => {
       while (next !== undefined) {
         const values = { [name]: next };
         next = undefined;
-        const { ok, text: why } = await wire.ask("set", { node, values });
+        const { ok, text: why } = await edits.set(node, values, gesture);
         refused.textContent = ok ? "" : why;
-        if (!ok) {
-          alarm.say(why);
-          update(value);
-        }
+        if (!ok) update(value);
         await new Promise((done) => setTimeout(done, EVERY_MS));
       }
       asking = false;
     };
+    const typed = input.type === "text" || input.type === "number";
     slider?.addEventListener("input", () => {
+      gesture ??= {};
       input.value = slider.value;
       ask(Number(slider.value));
     });
-    slider?.addEventListener("change", () => setTimeout(() => range(), 2 * EVERY_MS));
-    input.addEventListener("change", () => ask(about.kind === "bool" ? input.checked : parsed(about, input.value)));
+    slider?.addEventListener("change", () => setTimeout(() => { gesture = null; }, 2 * EVERY_MS));
+    reset.addEventListener("click", () => ask(about.default));
+    input.addEventListener("change", () => {
+      if (typed && input.value === text(value)) return;
+      ask(about.kind === "bool" ? input.checked : parsed(about, input.value));
+    });
+    // All digits while they are edited.
+    if (typed) input.addEventListener("focus", () => { if (!refused.textContent) input.value = text(value); });
+    if (typed) input.addEventListener("blur", () => { if (!refused.textContent) input.value = text(value, rounded); });
+    // The ends stay while a hand is on the slider, and afterwards; only a value beyond them moves them.
     const range = () => {
-      if (!slider || finite(value) === null || slider.matches(":active")) return;
-      const [low, high] = reach(about, value);
-      slider.min = low;
-      slider.max = high;
+      if (finite(value) === null || slider.matches(":active")) return;
+      const [low, high] = slider.max === "" ? [Infinity, -Infinity] : [Number(slider.min), Number(slider.max)];
+      if (value < low || value > high) {
+        const [from, to] = reach(about, value);
+        const ends = [Math.min(low, from), Math.max(high, to)];
+        const step = 10 ** Math.floor(Math.log10((ends[1] - ends[0]) / 300 || 1));
+        slider.step = about.kind === "integer" ? Math.max(1, step) : step;
+        [slider.min, slider.max] = ends;
+      }
       slider.value = value;
     };
     const update = (now) => {
       value = now;
-      box.toggleAttribute("data-set", text(now) !== text(about.default));
+      const changed = text(now) !== text(about.default);
+      box.toggleAttribute("data-set", changed);
+      reset.hidden = !changed || input.disabled;
       if (input === document.activeElement && input.type !== "checkbox" && !refused.textContent) return;
       if (input.type === "checkbox") input.checked = now;
-      else input.value = text(now);
-      if (slider && !slider.matches(":active")) range();
+      else input.value = typed ? text(now, rounded) : text(now);
+      if (slider) range();
     };
     const allow = () => {
       const no = about.fixed || !known.control_allowed || Boolean(known.recorded);
       input.disabled = no;
       if (slider) slider.disabled = no;
     };
-    return { box, node, name, update, allow };
+    return { box, node, name, gain, update, allow };
   };
 
+  const knob = (node, name, about, parent, gain) => {
+    const key = `${gain ? "gain " : ""}${node} ${name}`;
+    if (!made.has(key)) made.set(key, make(node, name, about, parent, gain));
+    const one = made.get(key);
+    one.allow();
+    one.update(known.nodes.get(node).parameters[name]);
+    return one;
+  };
+  // In the order of their names, whoever comes first.
+  const groupOf = (node) => {
+    if (!groups.has(node)) {
+      const group = document.createElement("details");
+      group.dataset.node = node;
+      group.append(element("summary", "", node));
+      groups.set(node, group);
+      place.append(...[...groups.keys()].sort().map((name) => groups.get(name)));
+    }
+    return groups.get(node);
+  };
   const show = (node) => {
     const { parameters } = known.nodes.get(node) ?? {};
     const declared = known.declared.get(node);
     if (!parameters || !declared) return;
-    if (!groups.has(node)) {
-      const group = document.createElement("details");
-      const summary = document.createElement("summary");
-      summary.textContent = node;
-      group.append(summary);
-      place.append(group);
-      groups.set(node, group);
-    }
-    for (const [name, value] of Object.entries(parameters)) {
-      if (!declared[name]) continue;
-      const key = `${node} ${name}`;
-      if (!made.has(key)) made.set(key, make(node, name, declared[name]));
-      made.get(key).update(value);
-      made.get(key).allow();
-    }
+    const names = Object.keys(parameters).filter((name) => declared[name]);
+    const group = groupOf(node);
+    for (const name of names) knob(node, name, declared[name], group, false);
+    const count = names.filter((name) => !edits.isDefault(node, name)).length;
+    group.firstChild.textContent = count ? `${node}, ${count} not at ${count === 1 ? "its default" : "their defaults"}` : node;
+    filter();
+    showGains();
   };
-  return { show, showAll: () => [...known.nodes.keys()].forEach(show) };
+  // Of the controller that acts: its gains, or where it calls none so, all numbers of its law.
+  const showGains = () => {
+    const node = known.run.acting[0];
+    const parameters = known.nodes.get(node)?.parameters;
+    const declared = known.declared.get(node);
+    if (!parameters || !declared) return;
+    const own = Object.keys(parameters).filter((name) => declared[name]?.law);
+    const called = own.filter((name) => name.startsWith("gains."));
+    const names = called.length ? called : own.filter((name) => ["double", "integer"].includes(declared[name].kind));
+    const shown = new Set(names.map((name) => knob(node, name, declared[name], gains, true)));
+    for (const one of made.values()) if (one.gain) one.box.hidden = !shown.has(one);
+    document.getElementById("gains-of").textContent = `Gains of ${node}`;
+    gains.hidden = !names.length;
+  };
+  return { show, showGains, showAll: () => [...known.nodes.keys()].forEach(show) };
 })();

@@ -19,7 +19,7 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
   };
   const controllers = () => {
     const place = at("controllers");
-    const names = [...known.nodes.values()].filter((node) => node.controller).map((node) => node.name);
+    const names = [...known.nodes.values()].filter((node) => node.controller).map((node) => node.name).sort();
     const have = [...place.querySelectorAll("input")].map((input) => input.value);
     if (names.join() !== have.join()) {
       place.querySelectorAll("label").forEach((label) => label.remove());
@@ -82,16 +82,19 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
       at("title").textContent = values.file;
       document.title = values.file;
       if (!values.complete) alarm.say(`incomplete: ${values.end}`);
+      label();
       controllers();
     } else if (kind === "node" || kind === "declared") {
       if (kind === "node") controllers();
       knobs.show(values.name);
       rules.show();
       speeds();
+      edits.show();
     } else if (kind === "run" || kind === "world") {
-      at("pause").textContent = known.run.paused ? "Resume" : "Pause";
+      at("pause").textContent = known.run.paused ? "Resume run" : "Pause run";
       controllers();
       rules.show();
+      knobs.showGains();
       speeds();
     } else if (kind === "health") health.diagnosed(values);
     else if (kind === "events") {
@@ -125,9 +128,9 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
   const freeze = (on) => {
     if (known.recorded) view.playing = !on;
     else view.frozen = on;
-    at("play").textContent = on ? "▶" : "❚❚";
-    at("play").setAttribute("aria-label", on ? "Resume the picture" : "Freeze the picture");
+    label();
   };
+  const label = () => { at("play").textContent = known.recorded ? (stands() ? "Play" : "Pause") : stands() ? "Back to live" : "Freeze view"; };
   const stands = () => (known.recorded ? !view.playing : view.frozen);
   at("play").addEventListener("click", () => {
     if (known.recorded && stands() && view.time >= known.recorded.last) view.time = known.recorded.first;
@@ -164,10 +167,33 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
     getSelection().addRange(range);
     await navigator.clipboard?.writeText(at("branch-command").textContent);
   });
+  const tabs = [...document.querySelectorAll("[role=tab]")];
+  const choose = (tab) => tabs.forEach((one) => {
+    one.setAttribute("aria-selected", one === tab);
+    one.tabIndex = one === tab ? 0 : -1;
+    at(one.getAttribute("aria-controls")).hidden = one !== tab;
+  });
+  tabs.forEach((tab, index) => {
+    tab.addEventListener("click", () => choose(tab));
+    tab.addEventListener("keydown", (event) => {
+      const to = { ArrowLeft: index - 1, ArrowRight: index + 1, Home: 0, End: -1 }[event.key];
+      if (to === undefined) return;
+      event.preventDefault();
+      const next = tabs.at(to % tabs.length);
+      choose(next);
+      next.focus();
+    });
+  });
   document.addEventListener("keydown", (event) => {
+    const typing = event.target.closest("input:not([type=range], [type=checkbox], [type=radio])");
+    if (event.key === "z" && (event.ctrlKey || event.metaKey) && !event.shiftKey && !event.altKey && !typing) {
+      event.preventDefault();
+      edits.undo();
+      return;
+    }
     if (event.ctrlKey || event.altKey || event.metaKey || event.defaultPrevented) return;
     const { target, key } = event;
-    if (target.closest("select, summary, a, .scroll") || (target.closest("button, input") && (key === " " || target.id !== "seek"))) return;
+    if (target.closest("select, summary, a, [role=tabpanel]") || (target.closest("button, input") && (key === " " || target.id !== "seek"))) return;
     if (key === " ") {
       event.preventDefault();
       at("play").click();

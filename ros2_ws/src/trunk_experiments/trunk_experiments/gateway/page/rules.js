@@ -6,6 +6,7 @@ const rules = (() => {
   const collect = document.getElementById("collect");
   const apply = document.getElementById("apply");
   const discard = document.getElementById("discard");
+  const restore = document.getElementById("rules-default");
   const LABELS = ["NB", "NM", "NS", "ZO", "PS", "PM", "PB"];
   const TABLES = [["rules.kp", "Kp′", ["S", "B"]], ["rules.kd", "Kd′", ["S", "B"]], ["rules.alpha", "α", ["S", "MS", "M", "B"]]];
   const CORNERS = [[0, 0, "w00"], [0, 1, "w01"], [1, 0, "w10"], [1, 1, "w11"]];
@@ -30,16 +31,18 @@ const rules = (() => {
   const send = async () => {
     const values = Object.fromEntries(changed);
     changed.clear();
-    if (Object.keys(values).length) {
-      const { ok, text } = await wire.ask("set", { node: shown, values });
-      if (!ok) alarm.say(text);
-    }
+    await edits.set(shown, values);
     show();
   };
   apply.addEventListener("click", send);
   discard.addEventListener("click", () => {
     changed.clear();
     show();
+  });
+  restore.addEventListener("click", () => {
+    changed.clear();
+    for (const [name] of TABLES) changed.set(name, known.declared.get(shown)[name].default);
+    send();
   });
 
   const make = ([name, title, labels]) => {
@@ -50,7 +53,8 @@ const rules = (() => {
     const caption = table.createCaption();
     caption.textContent = `${title}: rows e, columns ė`;
     const head = table.createTHead().insertRow();
-    for (const label of ["", ...LABELS]) {
+    head.insertCell();
+    for (const label of LABELS) {
       const cell = document.createElement("th");
       cell.scope = "col";
       cell.textContent = label;
@@ -90,20 +94,28 @@ const rules = (() => {
     if (!tables.length) tables.push(...TABLES.map(make));
     document.getElementById("rules-of").textContent = name;
     const now = known.nodes.get(name).parameters;
+    const declared = known.declared.get(name);
     const fixed = !known.control_allowed || Boolean(known.recorded);
+    let edited = 0;
     for (const { name: table, title, cells } of tables) {
       const rows = rowsOf(table).map(cellsOf);
       const before = now[table].map(cellsOf);
+      const usual = (declared?.[table]?.default ?? now[table]).map(cellsOf);
       cells.forEach((line, row) => line.forEach((cell, column) => {
         const button = cell.firstChild;
         const label = rows[row]?.[column] ?? "";
         if (button.textContent !== label) button.textContent = label;
         button.disabled = fixed;
-        button.setAttribute("aria-label", `${title} at e ${LABELS[row]}, ė ${LABELS[column]}: ${label}`);
+        const differs = label !== usual[row]?.[column];
+        edited += differs;
+        const note = differs ? `, by default ${usual[row]?.[column]}` : "";
+        button.setAttribute("aria-label", `${title} at e ${LABELS[row]}, ė ${LABELS[column]}: ${label}${note}`);
+        cell.toggleAttribute("data-edited", differs);
         cell.toggleAttribute("data-changed", label !== before[row]?.[column]);
       }));
     }
     apply.disabled = discard.disabled = !changed.size;
+    restore.disabled = fixed || !edited;
   };
 
   // The rules that fire at a time, and the operating point between them.

@@ -1,6 +1,7 @@
 "use strict";
 // The trunk at the time that is shown, and the hand that pulls it.
 const DEGREES = 180 / Math.PI;
+const FALL_S = 3; // for which the picture says that the trunk has fallen
 const RING = 1.4; // trunk's lengths from the hip to the reference's handle
 const scene = (() => {
   const canvas = document.getElementById("scene");
@@ -42,8 +43,7 @@ const scene = (() => {
     const theta = plant.value("theta", row) * DEGREES;
     const torque = plant.value("torque", row);
     const reference = control.value("reference", told) * DEGREES;
-    const fall = known.events.findLast((event) => event.event === "fell" && event.t <= time);
-    const reset = known.events.findLast((event) => event.event === "reset" && event.t <= time);
+    const fall = known.events.findLast((event) => event.event === "fell" && event.t <= time && event.t > time - FALL_S);
     places = paintStage(
       context, size,
       {
@@ -52,7 +52,7 @@ const scene = (() => {
       },
       {
         x, theta, measured: control.value("measurement", told) * DEGREES, reference, torque,
-        pulse: null, fell: fall && !(reset && reset.t >= fall.t) ? fall.t : null,
+        pulse: null, fell: fall ? fall.t : null,
       },
     );
     places.theta = theta;

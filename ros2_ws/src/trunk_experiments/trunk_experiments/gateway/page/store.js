@@ -81,7 +81,8 @@ const known = {
   world: null,
   run: { acting: [], started: false, ended: false, paused: false },
   gateway: { clients: 0, operator: "", refused: {}, stoppable: false, report: "" },
-  events: [],
+  events: [], // all since the page was opened, and those that the gateway still had
+  events_before: 0, // how many there were before the first of them
   recorded: null,
   client: "",
   control_allowed: false,

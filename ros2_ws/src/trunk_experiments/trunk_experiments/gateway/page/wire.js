@@ -33,13 +33,19 @@ const wire = (() => {
       known.client = values.client;
       known.control_allowed = values.control;
       known.streams = [];
+      known.events = [];
     } else if (kind === "stream") {
       known.streams[values.stream] = values;
       for (const name of values.columns) storeOf(values.name).column(name);
     } else if (kind === "node") known.nodes.set(values.name, values);
     else if (kind === "declared") known.declared.set(values.name, values.parameters);
     else if (kind === "health") known.health.set(values.name, values);
-    else if (kind === "events") known.events = values.events;
+    else if (kind === "events") {
+      // The gateway keeps the latest only; the page keeps what it has had before them.
+      const first = values.events[0]?.number ?? 0;
+      known.events = [...known.events.filter(({ number }) => number < first), ...values.events];
+      if (known.events.length === values.events.length) known.events_before = values.before;
+    }
     else known[kind] = values;
     say(kind, values);
   };

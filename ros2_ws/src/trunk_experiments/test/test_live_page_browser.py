@@ -1,0 +1,307 @@
+"""The live page as a dashboard: what is on the screen, what keeps its place, what can be taken back."""
+
+from __future__ import annotations
+
+import pytest
+
+from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_msgs_util.parameters.declarations import values_of
+from trunk_msgs_util.parameters.files import read
+
+from .graph_double import ServedGraph
+
+pytestmark = pytest.mark.browser
+
+DESK, PHONE = {"width": 1400, "height": 900}, {"width": 390, "height": 844}
+PANELS = ("#scene", "#readout", "#gains .knob", ".rule-table", "#live-charts .chart", ".bar button")
+# What of these elements is not wholly in sight: outside the window, cut off by a panel, behind something.
+HIDDEN = """(selector) => [...document.querySelectorAll(selector)]
+  .filter((element) => element.checkVisibility())
+  .filter((element) => {
+    const { left, right, top, bottom } = element.getBoundingClientRect();
+    return ![[left + 5, top + 5], [right - 5, bottom - 5], [(left + right) / 2, (top + bottom) / 2]]
+      .every(([x, y]) => element.contains(document.elementFromPoint(x, y))
+        || document.elementFromPoint(x, y)?.matches(".rule-dot"));
+  }).map((element) => element.id || element.textContent)"""
+# Words that are broken over two lines.
+BROKEN = """(selector) => [...document.querySelectorAll(selector)].flatMap((cell) => {
+  const texts = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT);
+  const broken = [];
+  while (texts.nextNode()) {
+    for (const { 0: word, index } of texts.currentNode.data.matchAll(/[\\w.]+/g)) {
+      const range = document.createRange();
+      range.setStart(texts.currentNode, index);
+      range.setEnd(texts.currentNode, index + word.length);
+      if (new Set([...range.getClientRects()].map(({ top }) => top)).size > 1) broken.push(word);
+    }
+  }
+  return broken;
+})"""
+FITS = "() => document.documentElement.scrollHeight <= innerHeight"
+NARROW = "() => document.documentElement.scrollWidth <= innerWidth"
+CONTROLLERS = "[...document.querySelectorAll('#controllers input')].map((one) => one.value)"
+GROUPS = "[...document.querySelectorAll('#knobs details')].map((one) => one.dataset.node)"
+ORDER = f"() => [{CONTROLLERS}, {GROUPS}]"
+P_MAX = "known.nodes.get('fuzzy_pid').parameters['gains.p_max']"
+RULE = "known.nodes.get('fuzzy_pid').parameters['rules.kp'][0]"
+
+
+@pytest.fixture(scope="module")
+def served():
+    served = ServedGraph()
+    yield served
+    served.close()
+
+
+@pytest.fixture
+def opened(browser, served):
+    """Return a function that opens the page; nothing may go wrong in it."""
+    contexts, complaints = [], []
+
+    def go(viewport=DESK, **more):
+        context = browser.new_context(viewport=viewport, accept_downloads=True, **more)
+        contexts.append(context)
+        context.set_default_timeout(0)  # pytest has one
+        page = context.new_page()
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(served.address)
+        page.wait_for_selector("html[data-ready]")
+        page.wait_for_function(f"() => {GROUPS}.length === 3 && known.control.count > 50")
+        page.wait_for_selector("#gains .knob")
+        page.wait_for_selector(".rule-dot")
+        return page
+
+    yield go
+    for context in contexts:
+        context.close()
+    assert complaints == []
+
+
+def settled(page, expression, value):
+    page.wait_for_function(f"(value) => {expression} === value", arg=value)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_on_a_desk_all_is_on_one_screen(opened, scheme):
+    page = opened(color_scheme=scheme)
+    assert page.evaluate(FITS)
+    assert page.evaluate(NARROW)
+    for selector in PANELS:
+        assert page.locator(selector).count() > 0, selector
+        assert page.evaluate(HIDDEN, selector) == [], selector
+    assert page.locator("#gains .knob").count() == 4
+    assert page.locator("#live-charts .chart").count() == 5
+    assert page.locator("#stop").is_visible()
+    assert page.locator("#speed-label").is_visible()
+    middles = page.locator(".bar :is(button, select, input, output):visible").evaluate_all(
+        "all => all.map((one) => one.getBoundingClientRect()).map((box) => (box.top + box.bottom) / 2)"
+    )
+    assert max(middles) - min(middles) < 5, "the controls are one row"
+    # An alarm takes its place from the charts, not from the screen.
+    page.evaluate("() => alarm.say('the gateway does not answer')")
+    assert page.evaluate(FITS)
+    assert page.evaluate(HIDDEN, ".rule-table") == []
+
+
+def test_on_a_phone_nothing_covers_the_torque_and_no_word_is_broken(opened, served):
+    page = opened(PHONE)
+    assert page.evaluate(HIDDEN, "[data-value=torque]") == []
+    assert page.evaluate(NARROW)
+    served.call(
+        served.graph.graph.diagnosed,
+        "fuzzy_pid",
+        1,
+        "commands limited 1234567890123",
+        {"retuned_parameters": "3", "longest_computation_time": "0.00012345"},
+    )
+    page.wait_for_function("() => known.health.size === 1")
+    page.click("#tab-nodes")
+    assert page.evaluate(BROKEN, "#nodes :is(td, th)") == []
+    page.click("#tab-parameters")
+    page.evaluate(
+        "() => document.querySelectorAll('#knobs details').forEach((d) => { d.open = true; })"
+    )
+    names = page.evaluate(BROKEN, ".knob label")
+    assert all(name.endswith((".", "_")) or len(name) > 18 for name in names), names
+    assert page.evaluate(NARROW)
+
+
+def test_the_order_of_controllers_and_groups_never_changes(opened, served):
+    page = opened()
+    order = [["fuzzy_pid", "pid"], ["fuzzy_pid", "pid", "simulator"]]
+    assert page.evaluate(ORDER) == order
+    page.click("#controllers input[value=pid]")
+    settled(page, "document.getElementById('gains-of').textContent", "Gains of pid")
+    visible = page.locator("#gains .knob:visible label").all_inner_texts()
+    assert visible == ["gains.p", "gains.i", "gains.d"]
+    assert page.evaluate(ORDER) == order
+    page.reload()  # the gateway now tells of pid last
+    page.wait_for_selector("#gains .knob")
+    page.wait_for_function(f"() => {GROUPS}.length === 3")
+    assert page.evaluate(ORDER) == order
+    page.click("#controllers input[value=fuzzy_pid]")
+    settled(page, "document.getElementById('gains-of').textContent", "Gains of fuzzy_pid")
+
+
+def test_the_two_pauses_have_names_of_their_own(opened, served):
+    page = opened()
+    run, view = page.locator("#pause"), page.locator("#play")
+    assert (run.inner_text(), view.inner_text()) == ("Pause run", "Freeze view")
+    view.click()
+    assert (run.inner_text(), view.inner_text()) == ("Pause run", "Back to live")
+    view.click()
+    served.call(served.graph.event, "simulator", "paused")
+    settled(page, "document.getElementById('pause').textContent", "Resume run")
+    assert view.inner_text() == "Freeze view"
+    served.call(served.graph.event, "simulator", "resumed")
+
+
+def test_a_dragged_slider_keeps_its_scale_and_is_undone_as_one(opened):
+    page = opened()
+    slider = page.get_by_label("Gain gains.p_max")
+    ends = "one => [one.min, one.max, one.step]"
+    before = slider.evaluate(ends)
+    box = slider.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    for part in (0.7, 0.8, 0.9):
+        page.mouse.move(box["x"] + part * box["width"], box["y"] + box["height"] / 2)
+        page.wait_for_function(f"(value) => {P_MAX} === value", arg=float(slider.input_value()))
+    page.mouse.up()
+    value = page.evaluate(f"() => {P_MAX}")
+    assert value > 90
+    assert len(str(value)) <= 5, "sensible digits"
+    assert slider.evaluate(ends) == before
+    knob = page.locator("#gains .knob[data-set]")
+    assert knob.count() == 1
+    settled(page, "document.getElementById('undo').disabled", False)
+    page.click("#undo")
+    settled(page, P_MAX, 60)
+    assert page.locator("#undo").is_disabled()
+    assert knob.count() == 0
+    assert slider.evaluate(ends) == before
+
+
+def test_long_values_are_rounded_until_they_are_edited(opened):
+    page = opened()
+    page.evaluate("() => edits.set('fuzzy_pid', { 'gains.p_max': 61.234567890123 })")
+    settled(page, P_MAX, 61.234567890123)
+    field = page.locator("#gain-fuzzy_pid-gains-p_max")
+    page.wait_for_function(
+        "() => document.getElementById('gain-fuzzy_pid-gains-p_max').value === '61.2346'"
+    )
+    field.focus()
+    assert field.input_value() == "61.234567890123"
+    field.blur()
+    assert field.input_value() == "61.2346"
+    assert page.evaluate(f"() => {P_MAX}") == 61.234567890123
+    page.locator("#gains .knob[data-set] .reset").click()
+    settled(page, P_MAX, 60)
+
+
+def test_changes_are_marked_saved_and_taken_back(opened, tmp_path):
+    page = opened()
+    assert page.locator("#save").is_disabled()
+    cell = page.locator("#tables td button").first
+    default = page.evaluate(f"() => {RULE}")
+    cell.click()
+    page.wait_for_selector("#tables td[data-edited]")
+    assert page.locator("#tables td[data-edited]").count() == 1
+    assert "by default" in cell.get_attribute("aria-label")
+    field = page.locator("#gain-fuzzy_pid-gains-d_min")
+    field.fill("8.5")
+    field.press("Enter")
+    settled(page, "document.getElementById('save').textContent", "Save as YAML (2)")
+    with page.expect_download() as download:
+        page.click("#save")
+    path = tmp_path / download.value.suggested_filename
+    download.value.save_as(path)
+    (section,) = read(path).sections
+    changed = page.evaluate(f"() => {RULE}")
+    usual = values_of(FuzzyPidConfig())
+    assert section.values == {
+        "gains.d_min": 8.5,
+        "rules.kp": [changed, *usual["rules.kp"][1:]],
+    }
+    page.click("#rules-default")
+    settled(page, RULE, default)
+    assert page.locator("#tables td[data-edited]").count() == 0
+    gain = "known.nodes.get('fuzzy_pid').parameters['gains.d_min']"
+    for expression, value in ((RULE, changed), (gain, 9.6), (RULE, default)):  # the latest first
+        settled(page, "document.getElementById('undo').disabled", False)
+        page.keyboard.press("Control+z")
+        settled(page, expression, value)
+    settled(page, "document.getElementById('save').textContent", "Save as YAML")
+
+
+def test_what_is_refused_leaves_nothing_to_undo(opened):
+    page = opened()
+    field = page.locator("#gain-fuzzy_pid-gains-d_min")
+    field.fill("99")
+    field.press("Enter")
+    page.wait_for_selector("#gains .refused:not(:empty)")
+    assert "gains.d_max" in page.inner_text("#alarm")
+    assert page.locator("#undo").is_disabled()
+    settled(page, "document.getElementById('gain-fuzzy_pid-gains-d_min').value", "9.6")
+
+
+def test_the_filter_hides_empty_groups(opened):
+    page = opened()
+    find = page.locator("#knobs .find")
+    find.fill("gains.p_max")
+    shown = "#knobs details:visible"
+    assert page.locator(shown).evaluate_all("all => all.map((one) => one.dataset.node)") == [
+        "fuzzy_pid"
+    ]
+    assert page.locator(f"{shown} .knob:visible").count() == 1
+    find.fill("no such")
+    assert page.locator(shown).count() == 0
+    assert page.get_by_text("No parameter has such a name.").is_visible()
+    find.fill("")
+    assert page.locator(shown).count() == 3
+
+
+def test_a_fall_is_a_mark_in_time_and_every_event_stays_listed(opened, served):
+    page = opened()
+    listed = "document.querySelectorAll('#events li').length"
+    before = page.evaluate(f"() => {listed}")
+    graph = served.graph
+    served.call(graph.event, "simulator", "fell", angle="-1.0", limit="0.9")
+    page.wait_for_function(f"() => {listed} === {before} + 1")
+    assert page.locator("#alarm").is_hidden()
+    assert "angle −57.3°, limit 51.57°" in page.inner_text("#latest")
+    page.click("#tab-happened")
+    assert "angle −57.3°, limit 51.57°" in page.inner_text("#events li.fell")
+    red = """() => {
+      const canvas = document.querySelector("#strip-angle canvas");
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      let count = 0;
+      for (let i = 0; i < data.length; i += 4)
+        count += data[i] === 176 && data[i + 1] === 0 && data[i + 2] === 32;
+      return count > 20; }"""
+    page.wait_for_function(red)  # the line across the chart
+    for number in range(1, 401):  # more than the gateway keeps
+        served.call(graph.event, "disturbance", f"event {number}")
+        if number % 100 == 0:
+            page.wait_for_function(f"() => {listed} === {before + 1 + number}")
+    page.wait_for_function("() => document.getElementById('latest').textContent === ''")
+    page.reload()
+    page.wait_for_function(f"() => {listed} === 300")
+    page.click("#tab-happened")
+    assert page.inner_text("#earlier") == f"{before + 101} earlier ones are in the recording"
+
+
+def test_the_tabs_are_reached_by_arrows(opened):
+    page = opened()
+    page.focus("#tab-parameters")
+    for key, tab, panel in (
+        ("ArrowRight", "tab-happened", "happened"),
+        ("End", "tab-nodes", "nodes"),
+        ("ArrowRight", "tab-parameters", "parameters"),
+        ("ArrowLeft", "tab-nodes", "nodes"),
+    ):
+        page.keyboard.press(key)
+        assert page.evaluate("() => document.activeElement.id") == tab
+        assert page.locator(f"#{panel}").is_visible()
+        assert page.locator("[role=tabpanel]:visible").count() == 1
