@@ -120,10 +120,10 @@ def _mass_matrix() -> tuple[bool, str]:
     rows = (s["row_th"], s["row_x"])  # the printed order
     printed = sp.Matrix([[sp.expand(r).coeff(a) for a in (s["xdd"], s["thdd"])] for r in rows])
     numbers = {s["M"]: 2, s["m"]: sp.Rational(1, 2), s["l"]: 1}
-    found = sp.lambdify((s["x"], s["th"]), printed.det().subs(numbers))
+    determinant = sp.lambdify((s["x"], s["th"]), printed.det().subs(numbers))
     angles = np.linspace(-pi, pi, 181)
     x, theta = np.meshgrid(angles, angles)
-    largest = float(np.max(found(x, theta)))
+    largest = float(np.max(determinant(x, theta)))
     return largest < 0.0 and printed[0, 1] != printed[1, 0], (
         f"determinant of the printed M at most {largest:.4g} over all x and θ (181 × 181 points), "
         f"entries (1,2) = {printed[0, 1]} and (2,1) = {printed[1, 0]}"
@@ -214,20 +214,20 @@ def single_repairs(table: tuple[str, ...]) -> list[tuple[int, int]]:
     def symmetric() -> bool:
         return cells == cells[::-1] and all(row == row[::-1] for row in cells)
 
-    found = []
+    repairs = []
     for i, row in enumerate(cells):
         for j, label in enumerate(row):
             row[j] = "B" if label == "S" else "S"
             if symmetric():
-                found.append((i, j))
+                repairs.append((i, j))
             row[j] = label
-    return found
+    return repairs
 
 
 def _table_3() -> tuple[bool, str]:
-    found = single_repairs(KD_AS_PRINTED)
-    names = ", ".join(f"({INPUT_LABELS[i]}, {INPUT_LABELS[j]})" for i, j in found)
-    return [(INPUT_LABELS[i], INPUT_LABELS[j]) for i, j in found] == [("NM", "PB")], (
+    repairs = single_repairs(KD_AS_PRINTED)
+    names = ", ".join(f"({INPUT_LABELS[i]}, {INPUT_LABELS[j]})" for i, j in repairs)
+    return [(INPUT_LABELS[i], INPUT_LABELS[j]) for i, j in repairs] == [("NM", "PB")], (
         f"of the 49 cells, changing one alone restores both symmetries (e → −e, ė → −ė): {names}"
     )
 
