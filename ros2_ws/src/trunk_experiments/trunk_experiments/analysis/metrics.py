@@ -117,8 +117,8 @@ def metrics(table: RunTable, compiled: bool = False) -> RunMetrics:
     since_first = table.t - table.t[0]
     end = float(since_first[-1])
     t, theta, reference, torque = (
-        np.ascontiguousarray(one)
-        for one in (since_first, table.theta, table.reference, table.torque)
+        np.ascontiguousarray(column)
+        for column in (since_first, table.theta, table.reference, table.torque)
     )
     quick = _compiled_sums() if compiled or len(t) >= _WORTH_COMPILING else None
     if quick is None:
@@ -129,11 +129,11 @@ def metrics(table: RunTable, compiled: bool = False) -> RunMetrics:
     return metrics_of(sums, 0.0)
 
 
-def _checked(found: RunMetrics) -> RunMetrics:
-    for name, value in found.as_dict().items():
+def _checked(run_metrics: RunMetrics) -> RunMetrics:
+    for name, value in run_metrics.as_dict().items():
         if value is not None and not isfinite(value):
             raise ValueError(f"{name} is too large for a floating-point number: no metrics")
-    return found
+    return run_metrics
 
 
 def steady_from(end: float) -> float:

@@ -54,7 +54,7 @@ class RunTable:
         hip, trunk = _joints(run)
         states = [topics.controller_state(name) for name in run.controllers]
         held = [name for name in _HELD if name in only]
-        found = run.series(
+        series = run.series(
             {
                 topics.GROUND_TRUTH: [
                     ("position", hip),
@@ -74,7 +74,7 @@ class RunTable:
                 **{topic: [("position", name) for name in held] for topic in states if held},
             },
         )
-        truth = found[topics.GROUND_TRUTH]
+        truth = series[topics.GROUND_TRUTH]
         at = truth.stamp_ns
         if (count := run.count(topics.GROUND_TRUTH)) > 1 and len(at) == 1:
             raise RecordingError(
@@ -84,12 +84,14 @@ class RunTable:
         nothing = np.broadcast_to(np.nan, at.shape)
         columns = dict.fromkeys(("theta_measured", *_HELD), nothing)
         if held and states:
-            terms = {name: found.pop(topics.controller_state(name)) for name in run.controllers}
+            terms = {name: series.pop(topics.controller_state(name)) for name in run.controllers}
             state = in_turn(list(terms.values()))
             for name in held:
                 columns[name] = held_at(at, state.stamp_ns, state.column("position", name))
             firsts = {
-                int(one.stamp_ns[0]): name for name, one in terms.items() if len(one.stamp_ns)
+                int(record.stamp_ns[0]): name
+                for name, record in terms.items()
+                if len(record.stamp_ns)
             }
             if "reference" in held and firsts:
                 first = firsts[min(firsts)]
@@ -97,11 +99,11 @@ class RunTable:
                     run, first, at, columns["reference"]
                 )
         if "reference" in held and run.external and run.count(topics.REFERENCE):
-            told = found[topics.REFERENCE]
-            values = told.column("position", trunk)
-            columns["reference"] = held_at(at, told.stamp_ns, values)
-        if topics.JOINT_STATES in found:
-            measured = found[topics.JOINT_STATES]
+            topic_reference = series[topics.REFERENCE]
+            values = topic_reference.column("position", trunk)
+            columns["reference"] = held_at(at, topic_reference.stamp_ns, values)
+        if topics.JOINT_STATES in series:
+            measured = series[topics.JOINT_STATES]
             values = measured.column("position", trunk)
             columns["theta_measured"] = matched_at(at, measured.stamp_ns, values)
 
@@ -112,7 +114,7 @@ class RunTable:
         command = (
             run.table(topics.EFFORT_COMMAND).arrays
             if run.external
-            else found.pop(topics.EFFORT_COMMAND)
+            else series.pop(topics.EFFORT_COMMAND)
         )
         torque[-1] = _last_torque(
             run, at, float(effort[-1]), command.stamp_ns, command.column("effort", trunk)
@@ -197,17 +199,17 @@ def _before_the_first_update(
 
     from ..recorded.turns import acts
 
-    told = np.array(reference)
+    completed = np.array(reference)
     try:
         timeline = run.timeline(controller)
         for k in np.flatnonzero(acts(run, controller, early)).tolist():
             timeline.advance(int(early[k]))
             if timeline.config.reference_profile == "topic":
                 return reference
-            told[k] = reference_at(int(early[k]), timeline.config.reference)
+            completed[k] = reference_at(int(early[k]), timeline.config.reference)
     except TrunkError:  # such as values that cannot be used: what is recorded can still be shown
         return reference
-    return told
+    return completed
 
 
 def matched_at(at: Integers, stamps: Integers, values: Floats) -> Floats:
@@ -215,8 +217,8 @@ def matched_at(at: Integers, stamps: Integers, values: Floats) -> Floats:
     if np.array_equal(at, stamps):
         return values
     rows = np.searchsorted(stamps, at, side="right")
-    found = np.append(-1, stamps)[rows] == at
-    return np.where(found, np.append(np.nan, values)[rows], np.nan)
+    present = np.append(-1, stamps)[rows] == at
+    return np.where(present, np.append(np.nan, values)[rows], np.nan)
 
 
 def _joints(run: RecordedRun) -> tuple[str, str]:
@@ -227,18 +229,19 @@ def _joints(run: RecordedRun) -> tuple[str, str]:
         raise RecordingError(f"{run.path}: a robot that is not ours: its true states are not known")
     if not run.count(topics.GROUND_TRUTH):
         if run.recording.damage:
-            what = run.recording.damage[0].removeprefix(f"{run.path.name}: ")
+            damage = run.recording.damage[0].removeprefix(f"{run.path.name}: ")
             raise RecordingError(
-                f"{run.path} is damaged, and no messages on {topic} can be read: {what}; record the run again"
+                f"{run.path} is damaged, and no messages on {topic} can be read: {damage}; "
+                "record the run again"
             )
         raise RecordingError(
             f"{run.path} has no messages on {topic}: record a run with the simulator in it"
         )
     if reason := run.recording.unreadable(topic):
         raise RecordingError(f"{run.path}: {topic}: {reason}")
-    told = run.parameters.get("simulator", {}).get("joints")
-    if isinstance(told, tuple) and len(told) == 2:
-        joints = str(told[0]), str(told[1])
+    declared = run.parameters.get("simulator", {}).get("joints")
+    if isinstance(declared, tuple) and len(declared) == 2:
+        joints = str(declared[0]), str(declared[1])
     elif {"hip", "trunk"} <= set(names) or len(names) < 2:
         joints = "hip", "trunk"
     else:

@@ -57,15 +57,15 @@ class Regular(NamedTuple):
 
 def summaries(plans: Iterable[RunPlan], batch: Batch) -> list[RunSummary]:
     """Return the outcome of each plan's run."""
-    found: list[RunSummary] = []
+    outcomes: list[RunSummary] = []
     blocks: dict[Any, list[tuple[int, RunPlan, Regular]]] = {}
     alone: list[tuple[int, RunPlan]] = []
     for i, plan in enumerate(plans):
-        found.append(RunSummary(None))
+        outcomes.append(RunSummary(None))
         try:
             check_compilable(plan)
         except PlanError as error:
-            found[i] = RunSummary(None, refused=str(error))
+            outcomes[i] = RunSummary(None, refused=str(error))
             continue
         regular = regular_run(plan)
         if regular is None:
@@ -75,19 +75,19 @@ def summaries(plans: Iterable[RunPlan], batch: Batch) -> list[RunSummary]:
             blocks.setdefault(key, []).append((i, plan, regular))
     for (name, _), runs in blocks.items():
         for first in range(0, len(runs), LANES):
-            some = runs[first : first + LANES]
-            if len(some) < ENOUGH:
-                alone += [(i, plan) for i, plan, _ in some]
+            block = runs[first : first + LANES]
+            if len(block) < ENOUGH:
+                alone += [(i, plan) for i, plan, _ in block]
                 continue
-            done = run_block(name, [regular for _, _, regular in some])
-            for (i, plan, _), one in zip(some, done, strict=True):
-                if one is None:
+            done = run_block(name, [regular for _, _, regular in block])
+            for (i, plan, _), outcome in zip(block, done, strict=True):
+                if outcome is None:
                     alone.append((i, plan))
                 else:
-                    found[i] = one
+                    outcomes[i] = outcome
     for i, plan in alone:
-        found[i] = summary_of(plan, batch)
-    return found
+        outcomes[i] = summary_of(plan, batch)
+    return outcomes
 
 
 def summary_of(plan: RunPlan, batch: Batch) -> RunSummary:
@@ -145,7 +145,7 @@ def regular_run(plan: RunPlan) -> Regular | None:
 def key_of(regular: Regular) -> Any:
     """Return a key that is the same for all runs in a block."""
     c = regular.common
-    records = (in_common(one) for one in (c.plant, c.sensor, c.law, c.constants))
+    records = (in_common(record) for record in (c.plant, c.sensor, c.law, c.constants))
     return (*records, c[4:], regular.signals is None, regular.seed is None)
 
 
@@ -164,9 +164,9 @@ def run_block(
     tables = 0 if lookup is None else len(lookup.kind._fields)
     cells = np.zeros((PARAMETERS + numbers + tables, LANES))
     padded = runs + [runs[0]] * (LANES - len(runs))
-    cells[PARAMETERS : PARAMETERS + numbers] = np.array([one.numbers for one in padded]).T
-    cells[STATE : STATE + 4] = np.array([one.initial for one in padded]).T
-    cells[MEMORY + 4] = [one.effort for one in padded]
+    cells[PARAMETERS : PARAMETERS + numbers] = np.array([run.numbers for run in padded]).T
+    cells[STATE : STATE + 4] = np.array([run.initial for run in padded]).T
+    cells[MEMORY + 4] = [run.effort for run in padded]
     cells[SUMS:PARAMETERS] = np.array(no_rows(0.0))[:, None]
     history = np.empty((common.delay_steps + 1, 4 * LANES))
     loop = _compiled_lanes(name, shape, len(runs[0].numbers))
@@ -184,22 +184,22 @@ def series_of(runs: list[Regular]) -> LaneSeries:
     """Return the inputs of these runs, step by step: one lane for all if they are equal, else one each."""
     common = runs[0].common
     states, period_ns = common.states, common.period_ns
-    profiles = [one.profile for one in runs]
-    if all(one == profiles[0] for one in profiles):
+    profiles = [run.profile for run in runs]
+    if all(profile == profiles[0] for profile in profiles):
         reference = _reference(profiles[0], states, period_ns)
     else:
         reference = np.zeros((states, 1, LANES))
         for lane, profile in enumerate(profiles):
             _filler(fill_references)(with_arrays(profile), period_ns, lane, reference)
     acting = _NONE
-    signals = [one.signals for one in runs if one.signals is not None]
+    signals = [run.signals for run in runs if run.signals is not None]
     if signals:
-        lanes = 1 if all(one == signals[0] for one in signals) else LANES
+        lanes = 1 if all(signal == signals[0] for signal in signals) else LANES
         acting = np.zeros((states, 4, lanes))
         for lane, signal in enumerate(signals[:lanes]):
             _filler(fill_disturbances)(with_arrays(signal), period_ns, lane, acting)
     noise = _NONE
-    seeds = [one.seed for one in runs if one.seed is not None]
+    seeds = [run.seed for run in runs if run.seed is not None]
     if seeds:
         noise = np.zeros((states, 2, LANES))
         for lane, seed in enumerate(seeds):

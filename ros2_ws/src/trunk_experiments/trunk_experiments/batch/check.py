@@ -20,7 +20,7 @@ from .lanes import TRACED
 
 
 def first_difference(plan: RunPlan, batch: Batch) -> str | None:
-    """Return where compiled and interpreted runs of a plan diverge; None if all bits are equal.
+    """Return the first difference of a plan's compiled and interpreted runs; None if all bits are equal.
 
     A plan that both refuse with the same message counts as equal.
     """
@@ -43,7 +43,7 @@ def first_difference(plan: RunPlan, batch: Batch) -> str | None:
 
 
 def lane_difference(plan: RunPlan, outcome: Outcome) -> str | None:
-    """Return where a lane and a run of its own diverge; None if all bits are equal.
+    """Return the first difference of a lane and a run of its own; None if all bits are equal.
 
     Nothing is compared if the run is not regular, or leaves the regular course.
     """
@@ -51,8 +51,8 @@ def lane_difference(plan: RunPlan, outcome: Outcome) -> str | None:
     if regular is None:
         return None
     trace = np.empty((regular.common.states, TRACED, LANES))
-    found = run_block(plan.controller_name, [regular] * LANES, trace)[0]
-    if found is None:
+    in_lane = run_block(plan.controller_name, [regular] * LANES, trace)[0]
+    if in_lane is None:
         return None
     t = outcome.table
     names = ("x", "theta", "x_dot", "theta_dot", "reference", "torque")
@@ -69,7 +69,9 @@ def lane_difference(plan: RunPlan, outcome: Outcome) -> str | None:
                     f"{float(getattr(t, name)[k])!r} alone"
                 )
     alone_too = summary_of(plan, Batch())
-    return None if found == alone_too else f"{plan.scenario}: {found} in a lane, {alone_too} alone"
+    return (
+        None if in_lane == alone_too else f"{plan.scenario}: {in_lane} in a lane, {alone_too} alone"
+    )
 
 
 def _refusal_difference(plan: RunPlan, reason: str) -> str | None:

@@ -122,7 +122,7 @@ def loop_of(*laws: Law) -> Callable[..., tuple[int, bool]]:
 
 
 def start_of_loop(plan: RunPlan) -> tuple[Surroundings, LoopState, Chain]:
-    """Return what surrounds a plan's controllers, the loop before the first state, and the participants."""
+    """Return a plan's surroundings, the loop before the first state, and the participants."""
     simulator = plan.simulator
     surroundings = surroundings_of(
         simulator, plan.disturbance, wire_of(simulator.network, states_of(plan))
@@ -130,13 +130,17 @@ def start_of_loop(plan: RunPlan) -> tuple[Surroundings, LoopState, Chain]:
     controllers = [Controller(config) for config in plan.controllers.values()]
     chain = participants_of(
         (
-            (one.config, with_arrays(one.settings), tuple(map(with_arrays, one.constants)))
-            for one in controllers
+            (
+                controller.config,
+                with_arrays(controller.settings),
+                tuple(map(with_arrays, controller.constants)),
+            )
+            for controller in controllers
         ),
         simulator.joints,
     )
     trunk = at_rest(simulator.initial_state, simulator.plant)
-    memories = chain_of([one.state for one in controllers])
+    memories = chain_of([controller.state for controller in controllers])
     return for_compiler(surroundings), beginning(trunk, memories), chain
 
 

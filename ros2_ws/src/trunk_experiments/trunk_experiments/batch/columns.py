@@ -26,7 +26,7 @@ def row_values(record: Any) -> list[float]:
         return [record]
     if not _has_rows(record):
         return []
-    return [value for one in record for value in row_values(one)]
+    return [value for part in record for value in row_values(part)]
 
 
 def in_common(record: Any) -> Any:
@@ -35,13 +35,13 @@ def in_common(record: Any) -> Any:
         return float
     if not _has_rows(record):
         return record
-    return type(record).__name__, *(in_common(one) for one in record)
+    return type(record).__name__, *(in_common(part) for part in record)
 
 
 def shared(record: Any) -> Any:
     """Return a record as compiled code takes it: its tables as arrays, its False flags as None (`pruned`)."""
     if _has_rows(record):
-        parts = [shared(one) for one in record]
+        parts = [shared(part) for part in record]
         return record._make(parts) if hasattr(record, "_fields") else tuple(parts)
     if record is False:
         return None
@@ -65,10 +65,10 @@ def reader_of(record: Any, row: int) -> tuple[Reader, int]:
     index = 0
     while index < len(record):
         parts = record[index:]
-        if count := _leading(parts, lambda one: type(one) is float):
+        if count := _leading(parts, lambda part: type(part) is float):
             count, reader = _block_of(count, row)
             row += count
-        elif count := _leading(parts, lambda one: type(one) is not float and not _has_rows(one)):
+        elif count := _leading(parts, lambda part: type(part) is not float and not _has_rows(part)):
             reader = _taken(index, index + count)
         else:
             count = 1
@@ -89,7 +89,7 @@ def reader_of(record: Any, row: int) -> tuple[Reader, int]:
 
 def _has_rows(record: Any) -> bool:
     return hasattr(record, "_fields") or (
-        type(record) is tuple and not all(type(one) is float for one in record)
+        type(record) is tuple and not all(type(part) is float for part in record)
     )
 
 
@@ -108,7 +108,7 @@ def _taken(begin: int, end: int) -> Reader:
 
 def _leading(parts: Sequence[Any], fits: Callable[[Any], bool]) -> int:
     """Return how many of the first parts fit."""
-    return next((i for i, one in enumerate(parts) if not fits(one)), len(parts))
+    return next((i for i, part in enumerate(parts) if not fits(part)), len(parts))
 
 
 def _block_of(count: int, row: int) -> tuple[int, Reader]:

@@ -210,9 +210,9 @@ def looked_up(
             for lane in range(LANES):
                 a, b = cells[INPUTS * LANES + lane], cells[(INPUTS + 1) * LANES + lane]
                 if not within(a, b, read_cell(cells, lane, none_in_common)):
-                    found = cell_of(a, b, read_constants(cells, lane, c.constants))
-                    for i in range(len(found)):
-                        cells[(row + i) * LANES + lane] = found[i]
+                    cell = cell_of(a, b, read_constants(cells, lane, c.constants))
+                    for i in range(len(cell)):
+                        cells[(row + i) * LANES + lane] = cell[i]
 
     def read_near(cells: Floats, lane: int, common: Any) -> Any:
         return near(read_cell(cells, lane, none_in_common), read_constants(cells, lane, common))
@@ -249,13 +249,13 @@ def take(k: int, series: Floats, row: int, cells: Floats) -> None:
     """Write what a series [states, rows, lanes] has for step k; nothing if it is empty."""
     if k >= len(series):
         return
-    for one in range(series.shape[1]):
+    for offset in range(series.shape[1]):
         if series.shape[2] == 1:
             for lane in range(LANES):
-                cells[(row + one) * LANES + lane] = series[k, one, 0]
+                cells[(row + offset) * LANES + lane] = series[k, offset, 0]
         else:
             for lane in range(LANES):
-                cells[(row + one) * LANES + lane] = series[k, one, lane]
+                cells[(row + offset) * LANES + lane] = series[k, offset, lane]
 
 
 def tell(k: int, cells: Floats, trace: Floats) -> None:

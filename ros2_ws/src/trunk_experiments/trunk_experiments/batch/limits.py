@@ -8,7 +8,7 @@ MAX_STATES = 20_000_000  # 1.8 GB
 
 
 def wrong_duration(duration: float, rate: float) -> str:
-    """Return what is wrong with a run of ``duration`` s at ``rate`` Hz; empty if nothing is."""
+    """Return the fault in a run of ``duration`` s at ``rate`` Hz; empty if there is none."""
     if duration == 0.0:
         return "duration is 0 s: a compiled run needs an end"
     states = step_count(duration, rate) + 1

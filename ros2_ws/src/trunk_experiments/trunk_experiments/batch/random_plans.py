@@ -56,7 +56,7 @@ class Draw:
     def pick(self, *values: Any) -> Any:
         return values[int(self.rng.integers(len(values)))]
 
-    def one(self, d: Declaration, near: float) -> Any:
+    def element(self, d: Declaration, near: float) -> Any:
         """Return one allowed element, of about the size of ``near``."""
         kind = d.kind.removesuffix(" array")
         if d.choices:
@@ -81,7 +81,7 @@ class Draw:
             return d.default
         if not d.kind.endswith("array"):
             near = d.default if isinstance(d.default, int | float) else 0.0
-            return d.default if d.kind == "string" and not d.choices else self.one(d, near)
+            return d.default if d.kind == "string" and not d.choices else self.element(d, near)
         default = d.default if isinstance(d.default, tuple) else ()
         count = d.length if d.length is not None else int(self.rng.integers(5))
         if d.name.startswith("rules."):
@@ -90,7 +90,7 @@ class Draw:
         if d.kind != "double array":
             return d.default
         near = max((abs(float(v)) for v in default), default=1.0)
-        drawn = [float(self.one(d, near)) for _ in range(count)]
+        drawn = [float(self.element(d, near)) for _ in range(count)]
         ascend = d.name.endswith(("times", "peaks"))
         return tuple(sorted(drawn) if ascend else drawn)
 
@@ -210,17 +210,17 @@ def _links(draw: Draw, rate: float, linked: bool) -> dict[str, Value]:
         values["sensor.dropout"] = draw.pick(0.0, float(rng.uniform(0.0, 0.5)))
         values["link.command.missing"] = draw.pick("hold", "zero")
         values["link.seed"] = int(rng.integers(100))
-    for way in ("link.state.", "link.command.") if linked else ():
+    for prefix in ("link.state.", "link.command.") if linked else ():
         values |= {
-            way + "delay": draw.pick(0.0, float(rng.uniform(0.0, 6.0 / rate))),
-            way + "jitter": draw.pick(0.0, float(rng.uniform(0.0, 6.0 / rate))),
-            way + "jitter_kind": draw.pick("uniform", "exponential"),
-            way + "loss": draw.pick(0.0, float(rng.uniform(0.0, 0.4))),
-            way + "burst.begin": draw.pick(0.0, float(rng.uniform(0.0, 0.1))),
-            way + "burst.end": float(rng.uniform(0.05, 1.0)),
-            way + "burst.loss": float(rng.uniform(0.0, 1.0)),
-            way + "duplicates": draw.pick(0.0, float(rng.uniform(0.0, 0.5))),
-            way + "order": draw.pick("latest", "arrival"),
+            prefix + "delay": draw.pick(0.0, float(rng.uniform(0.0, 6.0 / rate))),
+            prefix + "jitter": draw.pick(0.0, float(rng.uniform(0.0, 6.0 / rate))),
+            prefix + "jitter_kind": draw.pick("uniform", "exponential"),
+            prefix + "loss": draw.pick(0.0, float(rng.uniform(0.0, 0.4))),
+            prefix + "burst.begin": draw.pick(0.0, float(rng.uniform(0.0, 0.1))),
+            prefix + "burst.end": float(rng.uniform(0.05, 1.0)),
+            prefix + "burst.loss": float(rng.uniform(0.0, 1.0)),
+            prefix + "duplicates": draw.pick(0.0, float(rng.uniform(0.0, 0.5))),
+            prefix + "order": draw.pick("latest", "arrival"),
         }
     return values
 

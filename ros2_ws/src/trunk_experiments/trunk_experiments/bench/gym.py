@@ -59,7 +59,7 @@ def _warm(environments: Any, actions: Any) -> Callable[[], None]:
     environments.step(actions[0])
 
     def work() -> None:
-        for one in actions:
-            environments.step(one)
+        for action in actions:
+            environments.step(action)
 
     return work

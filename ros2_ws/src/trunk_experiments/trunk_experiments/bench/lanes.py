@@ -99,12 +99,12 @@ def whole_row(batch: Batch, rounds: int) -> BenchRow:
     ]
     runs = [regular_run(plan_of(study, bases, row)) for row in columns]
     name = study.contenders[0].node
-    blocks = [[one for one in runs[i : i + LANES] if one] for i in range(0, len(runs), LANES)]
+    blocks = [[run for run in runs[i : i + LANES] if run] for i in range(0, len(runs), LANES)]
     whole, bare = alternately(
         rounds,
         MANY,
         lambda: run_rows(rows),
-        lambda: [run_block(name, one) for one in blocks],
+        lambda: [run_block(name, block) for block in blocks],
     )
     ratio = median(a / b for a, b in zip(whole, bare, strict=True))
     return BenchRow(
@@ -122,7 +122,7 @@ def alternately(
 ) -> tuple[list[float], list[float]]:
     """Return the processor times of two pieces of work, s for each of their runs, round by round."""
     pairs = [(timed(first) / runs, timed(second) / runs) for _ in range(rounds)]
-    return [one for one, _ in pairs], [other for _, other in pairs]
+    return [first_s for first_s, _ in pairs], [second_s for _, second_s in pairs]
 
 
 def growth_row(batch: Batch, rounds: int) -> BenchRow:
@@ -147,8 +147,8 @@ def growth_row(batch: Batch, rounds: int) -> BenchRow:
 def cores_row(plan: RunPlan, rounds: int) -> BenchRow:
     """Return how much faster two processes are than one; without two cores, for information only."""
     times: dict[int, list[float]] = {1: [], 2: []}
-    with worker_pool(1) as one, worker_pool(2) as two:
-        pools = {1: one, 2: two}
+    with worker_pool(1) as single, worker_pool(2) as pair:
+        pools = {1: single, 2: pair}
         for count, pool in pools.items():
             _warm_up(pool, plan, count)
         for _ in range(rounds):

@@ -46,9 +46,9 @@ def bench_live(
 
     alone, served = [], []
     with tempfile.TemporaryDirectory(prefix="trunk_bench_") as folder:
-        way = graph_of("fuzzy_pid", rate, recorded=True)
+        loop = graph_of("fuzzy_pid", rate, recorded=True)
         with (
-            way.started(Path(folder) / "run") as running,
+            loop.started(Path(folder) / "run") as running,
             Observer((topics.JOINT_STATES, topics.EFFORT_COMMAND)) as observer,
         ):
             begin(running, observer, seconds)

@@ -32,9 +32,9 @@ class LockstepRow:
     met: bool | None
 
 
-def _rate(way: Way, folder: Path) -> float:
+def _rate(loop: Way, folder: Path) -> float:
     """Run once and return steps per second; the last process says how long it took."""
-    with way.started(folder) as running:
+    with loop.started(folder) as running:
         return _await(running[-1])
 
 
@@ -44,10 +44,10 @@ def _await(process: NodeProcess) -> float:
         if time.monotonic() > deadline:
             process.signal(signal.SIGKILL)
         time.sleep(0.02)
-    found = FINISHED.search(process.log.read_text(errors="replace"))
-    if found is None:
+    match = FINISHED.search(process.log.read_text(errors="replace"))
+    if match is None:
         raise BenchRunError(f"benchmark: {process.describe_end()}")
-    return int(found[1]) / float(found[2])
+    return int(match[1]) / float(match[2])
 
 
 def _plan(disturbed: bool, recorded: bool, steps: int) -> RunPlan:
@@ -65,13 +65,13 @@ def _graph(plan: RunPlan, names: tuple[str, ...]) -> Way:
 
 
 def bench_lockstep(rounds: int = 5, steps: int = 5000) -> list[LockstepRow]:
-    """Measure each way ``rounds`` times in turn; the medians make the ratios.
+    """Measure each loop ``rounds`` times in turn; the medians make the ratios.
 
     Raises BenchRunError if a process does not finish.
     """
     pair = "trunk_experiments"
     quiet, full = _plan(False, False, steps), _plan(True, True, steps)
-    ways = {
+    loops = {
         "bare pair": Way(
             (("bare_pair", pair, ("echo",)), ("bare_pair", pair, ("ping", str(steps))))
         ),
@@ -84,12 +84,12 @@ def bench_lockstep(rounds: int = 5, steps: int = 5000) -> list[LockstepRow]:
             (("composed", pair, ("recorder", "fuzzy_pid", "disturbance", "simulator")),), full
         ),
     }
-    rates: dict[str, list[float]] = {name: [] for name in ways}
+    rates: dict[str, list[float]] = {name: [] for name in loops}
     with tempfile.TemporaryDirectory(prefix="trunk_bench_") as folder:
         for round_number in range(rounds):
-            for name, way in ways.items():
+            for name, loop in loops.items():
                 rates[name].append(
-                    _rate(way, Path(folder) / f"{round_number}_{len(rates[name])}_{name}")
+                    _rate(loop, Path(folder) / f"{round_number}_{len(rates[name])}_{name}")
                 )
     middle = {name: median(values) for name, values in rates.items()}
     goals = {

@@ -31,11 +31,11 @@ async def _until_input_ends(address: str, count: int) -> None:
             sys.exit("a page is not served")
     print("ready", flush=True)
     give_way()  # a user's browser is on another machine, or yields the processor
-    told = asyncio.StreamReader()
+    stdin = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(
-        lambda: asyncio.StreamReaderProtocol(told), sys.stdin
+        lambda: asyncio.StreamReaderProtocol(stdin), sys.stdin
     )
-    ends = asyncio.create_task(told.read())
+    ends = asyncio.create_task(stdin.read())
     await asyncio.wait([ends, *readers], return_when=asyncio.FIRST_COMPLETED)
     if not ends.done():
         sys.exit("a page is no longer served")

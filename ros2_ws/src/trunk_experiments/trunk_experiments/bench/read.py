@@ -49,12 +49,12 @@ def _row(path: Path, rounds: int) -> RateRow:
     sides: list[Callable[[], object]] = [lambda: ours(path), lambda: theirs(path)]
     times = []
     for i in range(rounds):
-        found = {}
+        elapsed_s = {}
         for side in sides if i % 2 else reversed(sides):
             start = perf_counter()
             side()
-            found[side] = perf_counter() - start
-        times.append([found[side] for side in sides])
+            elapsed_s[side] = perf_counter() - start
+        times.append([elapsed_s[side] for side in sides])
     ratio = median(theirs_s / ours_s for ours_s, theirs_s in times)
     return RateRow(
         f"{count} JointState messages into arrays",
@@ -79,13 +79,13 @@ def ours(path: Path) -> dict[str, JointArrays]:
 
 def theirs(path: Path) -> dict[str, list[Any]]:
     """Return all JointState messages."""
-    found: dict[str, list[Any]] = {}
+    messages: dict[str, list[Any]] = {}
     with AnyReader([path]) as reader:
         wanted = [c for c in reader.connections if c.msgtype == topics.JOINT_STATE_TYPE]
         for connection, _, data in reader.messages(wanted):
             message = reader.deserialize(data, connection.msgtype)
-            found.setdefault(connection.topic, []).append(message)
-    return found
+            messages.setdefault(connection.topic, []).append(message)
+    return messages
 
 
 def _agreed(path: Path) -> int:

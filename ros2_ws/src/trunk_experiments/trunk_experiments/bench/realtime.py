@@ -68,15 +68,15 @@ class RealtimeRow:
     met: bool | None
 
 
-def _measure(way: Way, rate: float, seconds: float, folder: Path) -> dict[str, float]:
-    """Run once and return the measures; ``way`` names the publisher of states first, then the answerer.
+def _measure(loop: Way, rate: float, seconds: float, folder: Path) -> dict[str, float]:
+    """Run once and return the measures; ``loop`` names the publisher of states first, then the answerer.
 
     Raises BenchRunError if a process ends early.
     """
     from ..live.observer_node import Observer
 
     with (
-        way.started(folder) as running,
+        loop.started(folder) as running,
         Observer((topics.JOINT_STATES, topics.EFFORT_COMMAND)) as observer,
     ):
         begin(running, observer, seconds)
@@ -173,23 +173,25 @@ def bench_realtime(
     if not 0.0 < seconds <= 3600.0:
         raise BenchError(f"seconds must be greater than 0 and at most 3600, not {seconds!r}")
     pair = "trunk_experiments"
-    ways = {
+    loops = {
         _BARE: Way((("bare_pair", pair, ("timer", repr(rate))), ("bare_pair", pair, ("answer",)))),
         "pid": graph_of("pid", rate),
         "fuzzy_pid": graph_of("fuzzy_pid", rate),
         "fuzzy_pid, recorder": graph_of("fuzzy_pid", rate, recorded=True),
     }
-    found: dict[str, list[dict[str, float]]] = {name: [] for name in ways}
+    measures: dict[str, list[dict[str, float]]] = {name: [] for name in loops}
     with tempfile.TemporaryDirectory(prefix="trunk_bench_") as folder:
         for number in range(rounds):
-            for name, way in ways.items():
-                found[name].append(_measure(way, rate, seconds, Path(folder) / f"{number}_{name}"))
-    return list(_rows(found))
+            for name, loop in loops.items():
+                measures[name].append(
+                    _measure(loop, rate, seconds, Path(folder) / f"{number}_{name}")
+                )
+    return list(_rows(measures))
 
 
-def _rows(found: Mapping[str, list[dict[str, float]]]) -> Iterable[RealtimeRow]:
-    bare = found[_BARE]
-    for loop, rounds in found.items():
+def _rows(measures: Mapping[str, list[dict[str, float]]]) -> Iterable[RealtimeRow]:
+    bare = measures[_BARE]
+    for loop, rounds in measures.items():
         for measure, unit in MEASURES.items():
             values = [values[measure] for values in rounds]
             yardstick = [values[measure] for values in bare]

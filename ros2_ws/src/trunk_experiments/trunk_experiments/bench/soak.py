@@ -79,7 +79,7 @@ class Steps:
 
 
 def steps_of(recording: Recording) -> Steps:
-    """Return what the record of a real-time run shows; its controller answers every state.
+    """Return the counts of steps in the record of a real-time run; its controller answers every state.
 
     Raises ValueError if the run has fewer than two states.
     """
@@ -108,17 +108,17 @@ def steps_of(recording: Recording) -> Steps:
     )
 
 
-def problems_of_memory(found: Sequence[Growth], allowed: float = MAX_GROWTH) -> list[str]:
+def problems_of_memory(growths: Sequence[Growth], allowed: float = MAX_GROWTH) -> list[str]:
     """Return a line for each node that grew by more than the allowed fraction."""
     return [
         f"{g.node}: memory grew by {g.ratio:.1%} from {g.settled / 2**20:.1f} MiB; "
         f"less than {allowed:.0%} is allowed"
-        for g in found
+        for g in growths
         if g.ratio >= allowed
     ]
 
 
-def problems_of_steps(found: Steps, counted: Mapping[str, int], period_s: float) -> list[str]:
+def problems_of_steps(steps: Steps, counted: Mapping[str, int], period_s: float) -> list[str]:
     """Return a line for each kind of missed step that the record shows more often than counted.
 
     A command that was recorded, but displaced from the simulator's full queue, counts as late in the record
@@ -126,26 +126,26 @@ def problems_of_steps(found: Steps, counted: Mapping[str, int], period_s: float)
     """
     problems = []
     unanswered, late = counted.get(UNANSWERED, 0), counted.get(LATE, 0)
-    displaced = max(unanswered - found.unanswered, 0)
+    displaced = max(unanswered - steps.unanswered, 0)
     pairs = {
-        UNANSWERED: (found.unanswered, unanswered),
-        LATE: (found.late, late + displaced),
-        IDLE: (found.idle, counted.get(IDLE, 0)),
+        UNANSWERED: (steps.unanswered, unanswered),
+        LATE: (steps.late, late + displaced),
+        IDLE: (steps.idle, counted.get(IDLE, 0)),
     }
-    for name, (shown, told) in pairs.items():
-        if shown > told:
-            problems.append(f"{name}: the record shows {shown}, /diagnostics counted {told}")
+    for name, (shown, count) in pairs.items():
+        if shown > count:
+            problems.append(f"{name}: the record shows {shown}, /diagnostics counted {count}")
     overdue_s = counted.get(OVERDUE, 0) * period_s
-    if found.lost_s > overdue_s + _LOG_TOLERANCE_S:
+    if steps.lost_s > overdue_s + _LOG_TOLERANCE_S:
         problems.append(
-            f"the run took {found.lost_s:.1f} s longer than its stamps say; the {OVERDUE} that "
+            f"the run took {steps.lost_s:.1f} s longer than its stamps say; the {OVERDUE} that "
             f"/diagnostics counted explain {overdue_s:.1f} s"
         )
     return problems
 
 
 def problems_of_file(recording: Recording) -> list[str]:
-    """Return what keeps the file from being a whole, verified run."""
+    """Return the problems that keep the file from being a whole, verified run."""
     verdict = verify(recording)
     if verdict.exit_code == VERIFIED:
         return []

@@ -19,9 +19,9 @@ class Branch(NamedTuple):
 
     def describe(self) -> str:
         """Return the changes in a line."""
-        told = [f"controller {self.controller}"] if self.controller else []
-        told += [*self.settings, *(f"push {push}" for push in self.pushes)]
-        return ", ".join(told) or "nothing changed"
+        changes = [f"controller {self.controller}"] if self.controller else []
+        changes += [*self.settings, *(f"push {push}" for push in self.pushes)]
+        return ", ".join(changes) or "nothing changed"
 
 
 def fanned(branches: Sequence[Branch], grid: Sequence[str]) -> list[Branch]:
@@ -32,12 +32,12 @@ def fanned(branches: Sequence[Branch], grid: Sequence[str]) -> list[Branch]:
     axes: list[list[str]] = []
     for text in grid:
         target, equals, values = text.partition("=")
-        some = [value.strip() for value in values.split(",")]
-        if not equals or not target or not all(some):
+        options = [value.strip() for value in values.split(",")]
+        if not equals or not target or not all(options):
             raise PlanError(f"--grid {text!r}: NODE.PARAM=A,B,C is needed")
-        axes.append([f"{target}={value}" for value in some])
+        axes.append([f"{target}={value}" for value in options])
     return [
-        one._replace(settings=(*one.settings, *chosen))
-        for one in branches
+        branch._replace(settings=(*branch.settings, *chosen))
+        for branch in branches
         for chosen in product(*axes)
     ]

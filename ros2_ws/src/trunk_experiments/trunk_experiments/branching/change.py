@@ -71,7 +71,7 @@ def branched(run: RecordedRun, resumed: Resumed, branch: Branch, until: float | 
         quiet = DisturbanceConfig(update_rate=simulator.update_rate, joints=simulator.joints)
         plan = replace(plan, disturbance=quiet)
         new["disturbance"] = quiet
-    changes = {node: list(some) for node, some in plan.changes.items()}
+    changes = {node: list(node_changes) for node, node_changes in plan.changes.items()}
     before_ns = resumed.stamp_ns - plan.simulator.period_ns if resumed.first else -1
     for node in sorted(named):
         stamp_ns = resumed.stamp_ns if node == "simulator" else before_ns
@@ -87,7 +87,9 @@ def branched(run: RecordedRun, resumed: Resumed, branch: Branch, until: float | 
         _check_pushes(pushes, made, plan.changes.get("disturbance", ()), end)
         values = {**_changed(plan, "disturbance", layers, before_ns), **made}
         changes.setdefault("disturbance", []).append(Change(before_ns, values))
-    plan = replace(plan, changes={node: some for node, some in changes.items() if some})
+    plan = replace(
+        plan, changes={node: node_changes for node, node_changes in changes.items() if node_changes}
+    )
     check_joints(plan)
     check_rates(plan)
     return Branched(resumed._replace(plan=plan, checkpoint=checkpoint), new)
@@ -156,12 +158,12 @@ def _with_controller(
                 f"--controller {name}: active.times of {node} has a turn at t = {later[0]:g} s that would "
                 "undo it: branch after it"
             )
-    acting = [n for n, one in resumed.checkpoint.controllers.items() if one.active]
+    acting = [n for n, controller in resumed.checkpoint.controllers.items() if controller.active]
     if acting == [name]:
         raise PlanError(f"--controller {name}: it already acts at t = {seconds(at_ns):g} s")
     changes = {
-        node: [c for c in some if c.values is not None or c.event not in _TURNS]
-        for node, some in plan.changes.items()
+        node: [c for c in node_changes if c.values is not None or c.event not in _TURNS]
+        for node, node_changes in plan.changes.items()
     }
     before_ns = at_ns - plan.simulator.period_ns if resumed.first else -1
     for node in acting:
@@ -196,7 +198,7 @@ def _new_controller(plan: RunPlan, name: str, acting: Sequence[str]) -> Controll
 
 
 def _stand_in(plan: RunPlan) -> ReferenceConfig:
-    """Return what a controller of ours that takes over from somebody else's has from the run."""
+    """Return the run's settings for a controller of ours that takes over from somebody else's."""
     given = plan.reference or ReferenceConfig(joint=plan.simulator.joints[1])
     rate, lockstep = plan.simulator.update_rate, plan.simulator.lockstep
     return replace(given, update_rate=rate, lockstep=lockstep)

@@ -78,10 +78,10 @@ class Past:
                 yield Rows(numbers[name], rows, messages.log_time_ns[rows], data)
                 continue
             for row in rows.tolist():
-                one = messages.data[int(messages.start[row]) : int(messages.end[row])]
+                message = messages.data[int(messages.start[row]) : int(messages.end[row])]
                 if name == parameters:
-                    one = self._parameters(one)
-                data = np.frombuffer(one, f"V{len(one)}")
+                    message = self._parameters(message)
+                data = np.frombuffer(message, f"V{len(message)}")
                 at = np.array([row])
                 yield Rows(numbers[name], at, messages.log_time_ns[at], data)
 

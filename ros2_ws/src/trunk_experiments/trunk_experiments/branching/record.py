@@ -64,15 +64,15 @@ def digest_of(files: Iterable[Path]) -> str:
     digest = hashlib.sha256()
     for path in files:
         with path.open("rb") as file:
-            while some := file.read(1 << 20):
-                digest.update(some)
+            while chunk := file.read(1 << 20):
+                digest.update(chunk)
     return digest.hexdigest()
 
 
 def _origin(run: RecordedRun, branch: Branch, plan: RunPlan) -> dict[str, str]:
     """Return the parent's origin, and whose branch this is."""
     here = provenance.gather()
-    told = {
+    origin = {
         OF: digest_of(run.recording.files),
         PARENT: resolve_path(run.path).name,
         AT: repr(branch.at),
@@ -80,8 +80,8 @@ def _origin(run: RecordedRun, branch: Branch, plan: RunPlan) -> dict[str, str]:
         MADE_BY: f"trunk_experiments {here['trunk_experiments']}, commit {here['commit']}",
     }
     if run.mode == "offline":
-        told["controller"] = " ".join(plan.controllers)
-    return {**run.recording.provenance, "mcap": here["mcap"], **told}
+        origin["controller"] = " ".join(plan.controllers)
+    return {**run.recording.provenance, "mcap": here["mcap"], **origin}
 
 
 class _BranchRecorder(OfflineRecorder):
@@ -145,7 +145,7 @@ class _BranchRecorder(OfflineRecorder):
     def put_changes_to_come(self) -> None:
         """Write the changes that no state has seen; in a graph nothing changes after the end."""
         if self._graph:
-            self._changes = [one for one in self._changes if one[1].stamp_ns <= self._last_ns]
+            self._changes = [entry for entry in self._changes if entry[1].stamp_ns <= self._last_ns]
         super().put_changes_to_come()
 
     def finished(self, reason: str) -> None:
@@ -171,8 +171,8 @@ class _BranchRecorder(OfflineRecorder):
                 topics.EFFORT_COMMAND: self._commands[name],
                 terms: self._updates[name],
             }
-        for node, some in counts.items():
+        for node, topic_counts in counts.items():
             if node not in self._silent:
                 ahead = plan.simulator.period_ns if node == "disturbance" else 0
-                values = {topic(name): str(count) for name, count in some.items()}
+                values = {topic(name): str(count) for name, count in topic_counts.items()}
                 self.tell(Event.PUBLISHED, values, node, stamp_ns=self._last_ns + ahead)

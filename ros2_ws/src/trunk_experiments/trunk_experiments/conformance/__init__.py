@@ -59,5 +59,5 @@ def findings_of(name: str, check: LawCheck) -> list[LawFinding]:
 
 
 def conformance(name: str, checks: Sequence[LawCheck] = CHECKS) -> list[LawFinding]:
-    """Return where a registered law breaks the contract; empty if it conforms. Notes are left out."""
-    return [one for check in checks for one in findings_of(name, check) if not one.note]
+    """Return a registered law's breaches of the contract; empty if it conforms. Notes are left out."""
+    return [finding for check in checks for finding in findings_of(name, check) if not finding.note]

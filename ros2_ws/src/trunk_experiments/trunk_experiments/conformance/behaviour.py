@@ -17,38 +17,38 @@ _LIMIT = 5.0
 
 
 def types(law: Law) -> Iterator[LawFinding]:
-    """Yield where an update returns other types than the law declares."""
+    """Yield a finding where an update returns other types than the law declares."""
     driven, update = Driven(law), name_of(law.update)
     sample = swinging(DT)[0]
-    found = law.update(driven.memory, sample, driven.constants, driven.limits)
-    if not (type(found) is tuple and len(found) == 2):
-        yield LawFinding("types", update, f"returns {found!r}", "return (memory, terms)")
+    returned = law.update(driven.memory, sample, driven.constants, driven.limits)
+    if not (type(returned) is tuple and len(returned) == 2):
+        yield LawFinding("types", update, f"returns {returned!r}", "return (memory, terms)")
         return
-    for what, record, kind in zip(
-        ("memory", "terms"), found, (type(law.memory), law.terms), strict=True
+    for part, record, kind in zip(
+        ("memory", "terms"), returned, (type(law.memory), law.terms), strict=True
     ):
         if type(record) is not kind:
             yield LawFinding(
                 "types",
                 update,
-                f"returns a {type(record).__name__} as {what}",
+                f"returns a {type(record).__name__} as {part}",
                 f"return the {kind.__name__} that the law declares",
             )
             continue
         for field, value in zip(record._fields, record, strict=True):
-            declared = getattr(law.memory, field) if what == "memory" else 0.0
+            declared = getattr(law.memory, field) if part == "memory" else 0.0
             wanted = bool if field == "held" or isinstance(declared, bool) else type(declared)
             if type(value) is not wanted:
                 yield LawFinding(
                     "types",
                     update,
-                    f"{what}.{field} = {value!r} is {type(value).__name__}",
+                    f"{part}.{field} = {value!r} is {type(value).__name__}",
                     f"it is declared as {wanted.__name__}; compiled code needs one type",
                 )
 
 
 def pure(law: Law) -> Iterator[LawFinding]:
-    """Yield where outputs depend on more than the inputs, or inputs are changed."""
+    """Yield a finding where outputs depend on more than the inputs, or inputs are changed."""
     update, samples = name_of(law.update), swinging(1.0)
     driven = Driven(law)
     before = copy.deepcopy((driven.memory, driven.constants))
@@ -61,19 +61,19 @@ def pure(law: Law) -> Iterator[LawFinding]:
             "return new ones",
         )
     Driven(law).run(swinging(0.7, amplitude=1.1))
-    for k, (one, other) in enumerate(zip(first, Driven(law).run(samples), strict=True)):
-        if repr(one) != repr(other):
+    for k, (terms, repeated) in enumerate(zip(first, Driven(law).run(samples), strict=True)):
+        if repr(terms) != repr(repeated):
             yield LawFinding(
                 "pure",
                 update,
-                f"sample {k} of the same series gives {one!r} once and {other!r} later",
+                f"sample {k} of the same series gives {terms!r} once and {repeated!r} later",
                 "take everything from memory, sample, constants and limits",
             )
             return
 
 
 def finite_always(law: Law) -> Iterator[LawFinding]:
-    """Yield where an input makes the command or the memory not finite, or raises."""
+    """Yield a finding where an input makes the command or the memory not finite, or raises."""
     update = name_of(law.update)
     for sample in extreme():
         driven = Driven(law)
@@ -99,7 +99,7 @@ def finite_always(law: Law) -> Iterator[LawFinding]:
 
 
 def holds(law: Law) -> Iterator[LawFinding]:
-    """Yield where a sample that is not usable changes the memory or the command."""
+    """Yield a finding where a sample that is not usable changes the memory or the command."""
     update = name_of(law.update)
     for sample in unusable():
         driven = Driven(law)
@@ -124,7 +124,7 @@ def holds(law: Law) -> Iterator[LawFinding]:
 
 
 def within_limits(law: Law) -> Iterator[LawFinding]:
-    """Yield where a command is not the unlimited one, limited, or the memory lacks it."""
+    """Yield a finding where a command is not the unlimited one, limited, or the memory lacks it."""
     update = name_of(law.update)
     for limit in (_LIMIT, 0.01, 1e9):
         driven = Driven(law, limit)

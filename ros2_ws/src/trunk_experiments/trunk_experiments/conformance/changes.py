@@ -15,30 +15,30 @@ from .samples import DT, steady, swinging
 
 
 def reset(law: Law) -> Iterator[LawFinding]:
-    """Yield where a controller behaves differently after a reset than a new one."""
+    """Yield a finding where a controller behaves differently after a reset than a new one."""
     controllers = [Controller(law.config(), law) for _ in range(2)]
     for k, sample in enumerate(swinging(0.5, amplitude=0.9)):
         controllers[0].update(5_000_000 * k, sample.measurement, sample.rate)
     controllers[0].forget()
-    found: list[list[Any]] = [
+    efforts: list[list[Any]] = [
         [
-            one.update(5_000_000 * k, s.measurement, s.rate).effort
+            controller.update(5_000_000 * k, s.measurement, s.rate).effort
             for k, s in enumerate(swinging(0.2))
         ]
-        for one in controllers
+        for controller in controllers
     ]
-    if found[0] != found[1]:
-        k = next(k for k, (a, b) in enumerate(zip(*found, strict=True)) if a != b)
+    if efforts[0] != efforts[1]:
+        k = next(k for k, (a, b) in enumerate(zip(*efforts, strict=True)) if a != b)
         yield LawFinding(
             "reset",
             name_of(law.update),
-            f"update {k} after a reset gives {found[0][k]!r}, a new controller's {found[1][k]!r}",
+            f"update {k} after a reset gives {efforts[0][k]!r}, a new controller's {efforts[1][k]!r}",
             "keep nothing outside the memory",
         )
 
 
 def transfers(law: Law) -> Iterator[LawFinding]:
-    """Yield where a bumpless transfer moves the command by more than one step."""
+    """Yield a finding where a bumpless transfer moves the command by more than one step."""
     for acting in (-12.5, 0.0, 20.0):
         controller = Controller(law.config(u_clamp_min=-30.0, u_clamp_max=30.0), law)
         controller.deactivate()
@@ -63,7 +63,7 @@ def transfers(law: Law) -> Iterator[LawFinding]:
 
 
 def reconfigures(law: Law) -> Iterator[LawFinding]:
-    """Yield where new parameters move the command more than they would with the memory left alone."""
+    """Yield a finding where new parameters move the command more than with the memory left alone."""
     driven = Driven(law, 1e9)
     driven.run(steady(200))
     before = driven.memory.effort

@@ -62,8 +62,8 @@ class Driven:
 def numbers_in(record: Any) -> Iterator[float]:
     """Yield the numbers of a record, nested ones too."""
     if isinstance(record, tuple | list):
-        for one in record:
-            yield from numbers_in(one)
+        for part in record:
+            yield from numbers_in(part)
     elif isinstance(record, int | float):
         yield float(record)
 

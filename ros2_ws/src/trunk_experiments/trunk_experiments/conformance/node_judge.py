@@ -63,24 +63,26 @@ class Transcript(NamedTuple):
     def efforts(self, again: bool, phases: Sequence[str]) -> list[float | None]:
         """Return the torque of the first answer to each state of some phases, N m."""
         return [
-            self.effort(one.answers[0].command) if one.answers else None
-            for one in self.exchanges
-            if one.played.again == again and one.played.phase in phases
+            self.effort(exchange.answers[0].command) if exchange.answers else None
+            for exchange in self.exchanges
+            if exchange.played.again == again and exchange.played.phase in phases
         ]
 
     @property
     def commands(self) -> list[JointSample]:
         """All commands."""
-        return [answer.command for one in self.exchanges for answer in one.answers]
+        return [answer.command for exchange in self.exchanges for answer in exchange.answers]
 
     @property
     def latencies_s(self) -> list[float]:
         """How long the first answer to each state took, ascending."""
-        return sorted(one.answers[0].after_s for one in self.exchanges if one.answers)
+        return sorted(
+            exchange.answers[0].after_s for exchange in self.exchanges if exchange.answers
+        )
 
 
 def findings(transcript: Transcript) -> list[tuple[NodeCheck, list[NodeFinding]]]:
-    """Return what each check finds. Those that need answers find nothing where there is none."""
+    """Return each check's findings. Checks that need answers find nothing where there is none."""
     return [(check, list(check.run(transcript))) for check in CHECKS]
 
 
@@ -89,10 +91,10 @@ def _at(played: Played) -> str:
 
 
 def _answers(t: Transcript) -> Iterator[NodeFinding]:
-    asked = [one for one in t.exchanges if one.played.phase in (MOTION, REST, LARGE)]
-    silent = [one for one in asked if not one.played.again and not one.answers]
+    asked = [exchange for exchange in t.exchanges if exchange.played.phase in (MOTION, REST, LARGE)]
+    silent = [exchange for exchange in asked if not exchange.played.again and not exchange.answers]
     if silent:
-        count = sum(not one.played.again for one in asked)
+        count = sum(not exchange.played.again for exchange in asked)
         yield NodeFinding(
             "answers",
             f"{len(silent)} of {count} states have no answer, the first at {_at(silent[0].played)}",
@@ -102,9 +104,9 @@ def _answers(t: Transcript) -> Iterator[NodeFinding]:
 
 def _once(t: Transcript) -> Iterator[NodeFinding]:
     often = [
-        one
-        for one in t.exchanges
-        if len(one.answers) > 1 and one.played.phase not in (REPEAT, SILENCE)
+        exchange
+        for exchange in t.exchanges
+        if len(exchange.answers) > 1 and exchange.played.phase not in (REPEAT, SILENCE)
     ]
     if often:
         first = often[0]
@@ -124,10 +126,10 @@ def _stamp(t: Transcript) -> Iterator[NodeFinding]:
             "copy header.stamp of the state that is being answered",
         )
         return
-    for one in t.exchanges:
-        for answer in one.answers:
+    for exchange in t.exchanges:
+        for answer in exchange.answers:
             stamp_ns = answer.command.stamp_ns
-            if stamp_ns == one.played.stamp_ns:
+            if stamp_ns == exchange.played.stamp_ns:
                 continue
             if stamp_ns == 0:
                 word = "no stamp (0)"
@@ -137,7 +139,7 @@ def _stamp(t: Transcript) -> Iterator[NodeFinding]:
                 word = f"the stamp t = {seconds(stamp_ns):.9g} s"
             yield NodeFinding(
                 "stamp",
-                f"the answer to {_at(one.played)} carries {word}",
+                f"the answer to {_at(exchange.played)} carries {word}",
                 "copy header.stamp of the state into the command",
             )
             return
@@ -155,14 +157,18 @@ def _joint(t: Transcript) -> Iterator[NodeFinding]:
 
 
 def _finite(t: Transcript) -> Iterator[NodeFinding]:
-    for one in t.exchanges:
-        for answer in one.answers:
+    for exchange in t.exchanges:
+        for answer in exchange.answers:
             effort = t.effort(answer.command)
-            if effort is not None and not isfinite(effort) and one.played.phase in (MOTION, LARGE):
-                where = "a large angle" if one.played.phase == LARGE else "an ordinary state"
+            if (
+                effort is not None
+                and not isfinite(effort)
+                and exchange.played.phase in (MOTION, LARGE)
+            ):
+                where = "a large angle" if exchange.played.phase == LARGE else "an ordinary state"
                 yield NodeFinding(
                     "finite",
-                    f"at {_at(one.played)}, {where}, the torque is {effort}",
+                    f"at {_at(exchange.played)}, {where}, the torque is {effort}",
                     "limit it, and check it before it is published",
                 )
                 return
@@ -171,13 +177,13 @@ def _finite(t: Transcript) -> Iterator[NodeFinding]:
 def _limits(t: Transcript) -> Iterator[NodeFinding]:
     if t.limit is None:
         return
-    for one in t.exchanges:
-        for answer in one.answers:
+    for exchange in t.exchanges:
+        for answer in exchange.answers:
             effort = t.effort(answer.command)
             if effort is not None and isfinite(effort) and abs(effort) > t.limit:
                 yield NodeFinding(
                     "limits",
-                    f"at {_at(one.played)} the torque is {effort:.6g} N m, beyond +-{t.limit:g} N m",
+                    f"at {_at(exchange.played)} the torque is {effort:.6g} N m, beyond +-{t.limit:g} N m",
                     "clamp the command",
                 )
                 return
@@ -195,10 +201,10 @@ def _rest(t: Transcript) -> Iterator[NodeFinding]:
 
 
 def _gap(t: Transcript) -> Iterator[NodeFinding]:
-    after = [one for one in t.exchanges if one.played.phase == GAP]
-    silent = [one for one in after if not one.answers]
+    after = [exchange for exchange in t.exchanges if exchange.played.phase == GAP]
+    silent = [exchange for exchange in after if not exchange.answers]
     values = [value for value in t.efforts(False, [GAP]) if value is not None]
-    if silent and any(one.answers for one in t.exchanges):
+    if silent and any(exchange.answers for exchange in t.exchanges):
         yield NodeFinding(
             "gap",
             f"after 20 states were lost, {len(silent)} of {len(after)} states have no answer",
@@ -212,11 +218,16 @@ def _gap(t: Transcript) -> Iterator[NodeFinding]:
 
 def _repeat(t: Transcript) -> Iterator[NodeFinding]:
     before: Exchange | None = None
-    for one in t.exchanges:
-        if one.played.phase == REPEAT and before is not None and one.answers and before.answers:
-            first, second = (t.effort(x.answers[0].command) for x in (before, one))
+    for exchange in t.exchanges:
+        if (
+            exchange.played.phase == REPEAT
+            and before is not None
+            and exchange.answers
+            and before.answers
+        ):
+            first, second = (t.effort(x.answers[0].command) for x in (before, exchange))
             if first is None or second is None or not (isfinite(first) and isfinite(second)):
-                before = one
+                before = exchange
                 continue
             if first != second:
                 yield NodeFinding(
@@ -224,26 +235,26 @@ def _repeat(t: Transcript) -> Iterator[NodeFinding]:
                     f"the same state a second time gives {second:.6g} N m, not {first:.6g} N m",
                     "ignore a state whose stamp is not newer: a link may deliver it twice",
                 )
-        before = one
+        before = exchange
 
 
 def _silence(t: Transcript) -> Iterator[NodeFinding]:
-    for one in t.exchanges:
-        if one.played.phase != SILENCE:
+    for exchange in t.exchanges:
+        if exchange.played.phase != SILENCE:
             continue
-        fresh = [a for a in one.answers if a.command.stamp_ns != one.played.stamp_ns]
-        if fresh and len(one.answers) > 2:
+        fresh = [a for a in exchange.answers if a.command.stamp_ns != exchange.played.stamp_ns]
+        if fresh and len(exchange.answers) > 2:
             yield NodeFinding(
                 "silence",
-                f"{len(one.answers)} commands came in 0.5 s without a state, with stamps of no state",
+                f"{len(exchange.answers)} commands came in 0.5 s without a state, with stamps of no state",
                 "command only in answer to a state: what is older than command_timeout must not act",
             )
 
 
 def _reset(t: Transcript) -> Iterator[NodeFinding]:
-    second = [one for one in t.exchanges if one.played.again]
-    silent = [one for one in second if not one.answers]
-    if silent and any(one.answers for one in t.exchanges):
+    second = [exchange for exchange in t.exchanges if exchange.played.again]
+    silent = [exchange for exchange in second if not exchange.answers]
+    if silent and any(exchange.answers for exchange in t.exchanges):
         yield NodeFinding(
             "reset",
             f"after time went back to 0, {len(silent)} of {len(second)} states have no answer",
@@ -253,7 +264,7 @@ def _reset(t: Transcript) -> Iterator[NodeFinding]:
 
 def _bits(t: Transcript) -> Iterator[NodeFinding]:
     phases = (MOTION, REST, LARGE)
-    played = [one.played for one in t.exchanges if one.played.again]
+    played = [exchange.played for exchange in t.exchanges if exchange.played.again]
     pairs = zip(t.efforts(False, phases), t.efforts(True, phases), played, strict=False)
     for first, second, state in pairs:
         if first is None or second is None or not (isfinite(first) and isfinite(second)):

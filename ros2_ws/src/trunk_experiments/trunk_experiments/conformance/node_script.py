@@ -35,7 +35,7 @@ class Played(NamedTuple):
 
 
 def states_to_play(rate: float) -> Iterator[Played]:
-    """Yield what is played at ``rate`` Hz, without the silence and the reset between some of it.
+    """Yield the states to play at ``rate`` Hz, without the silence and the reset between some of them.
 
     ::
 

@@ -24,7 +24,7 @@ def short_plan(law: Law) -> RunPlan:
 
 
 def recomputes(law: Law) -> Iterator[LawFinding]:
-    """Yield what differs when a recorded run is recomputed from its recording."""
+    """Yield a finding where a recorded run differs from its recomputation."""
     from ..replay.verify import VERIFIED, verify
     from ..runs.offline_recording import record_offline
 
@@ -47,15 +47,17 @@ def recomputes(law: Law) -> Iterator[LawFinding]:
 
 
 def compiles(law: Law) -> Iterator[LawFinding]:
-    """Yield where compiled code differs from CPython; note what numba refuses."""
+    """Yield a finding where compiled code differs from CPython; note what numba refuses."""
     from ..batch.check import first_difference
     from ..batch.closed_loop import Batch
 
     plan, update = short_plan(law), name_of(law.update)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         difference = first_difference(plan, Batch())
-        refused = [str(one.message) for one in told if "not compilable" in str(one.message)]
+        refused = [
+            str(warning.message) for warning in caught if "not compilable" in str(warning.message)
+        ]
         if refused:
             factor = _seconds(plan) / max(_seconds(make_plan("demo", "pid", settings=_SHORT)), 1e-9)
             reason = refused[0].split("runs it: ", 1)[-1]

@@ -17,12 +17,12 @@ _EXTREMES = (0.0, -50.0, nan, inf, -inf, _LARGE, -_LARGE, 5e-324)
 def swinging(duration: float, dt: float = DT, amplitude: float = 0.3) -> list[Sample]:
     """Return smooth samples of a trunk that swings at 1 Hz around a reference of 0.1 rad."""
     turn = 6.283185307179586
-    found = []
+    samples = []
     for k in range(round(duration / dt)):
         angle = turn * k * dt
         hip = Hip(0.2 * k * dt, 0.2)
-        found.append(Sample(0.1, amplitude * sin(angle), amplitude * turn * cos(angle), dt, hip))
-    return found
+        samples.append(Sample(0.1, amplitude * sin(angle), amplitude * turn * cos(angle), dt, hip))
+    return samples
 
 
 def steady(count: int, dt: float = DT) -> list[Sample]:
@@ -32,13 +32,13 @@ def steady(count: int, dt: float = DT) -> list[Sample]:
 
 def unusable() -> list[Sample]:
     """Return samples with at least one input that is not finite, or whose time does not advance."""
-    found = [
+    samples = [
         Sample(r, y, w, dt, STILL)
         for r, y, w, dt in product((0.0, nan, inf), (0.1, nan, -inf), (0.0, nan, inf), (DT, 0.0))
     ]
-    found += [Sample(0.0, 0.1, 0.0, -DT, STILL), Sample(0.0, 0.1, 0.0, nan, STILL)]
+    samples += [Sample(0.0, 0.1, 0.0, -DT, STILL), Sample(0.0, 0.1, 0.0, nan, STILL)]
     usable = Sample(0.0, 0.1, 0.0, DT, STILL)
-    return [sample for sample in found if sample != usable]
+    return [sample for sample in samples if sample != usable]
 
 
 def extreme() -> list[Sample]:

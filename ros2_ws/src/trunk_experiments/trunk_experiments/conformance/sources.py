@@ -33,19 +33,21 @@ def functions_of(law: Law) -> list[FunctionType]:
     """Return the law's functions, and those of its own package that they call."""
     roots: list[Any] = [law.update]
     roots += [
-        one for one in (law.transfer, law.reconfigure) if one not in (from_scratch, unchanged)
+        function
+        for function in (law.transfer, law.reconfigure)
+        if function not in (from_scratch, unchanged)
     ]
     if law.lookup is not None:
         roots += [law.lookup.inputs, law.lookup.cell, law.lookup.near]
-    found: dict[FunctionType, None] = {}
+    functions: dict[FunctionType, None] = {}
     for root in roots:
         if isinstance(root, FunctionType):
-            found.update(dict.fromkeys(call_graph(root)))
-    return list(found)
+            functions.update(dict.fromkeys(call_graph(root)))
+    return list(functions)
 
 
 def pure_source(law: Law) -> Iterator[LawFinding]:
-    """Yield where a function keeps state, reads a clock, draws at random or touches files."""
+    """Yield a finding where a function keeps state, reads a clock, draws at random or touches files."""
     if not isinstance(law.update, FunctionType):
         yield LawFinding(
             "source",
@@ -82,11 +84,11 @@ def _problems(function: FunctionType) -> Iterator[LawFinding]:
     for value in function.__defaults__ or ():
         if isinstance(value, list | dict | set):
             yield _state(where, f"has the mutable default {value!r}")
-    told = set()
+    reported = set()
     for node in ast.walk(tree):
         for problem in _of_node(node, function, where):
-            if problem.what not in told:
-                told.add(problem.what)
+            if problem.what not in reported:
+                reported.add(problem.what)
                 yield problem
 
 
@@ -121,8 +123,8 @@ def _power(node: ast.AST, base: ast.expr, exponent: ast.expr, where: str) -> Ite
 
 
 def _of_value(node: ast.expr, function: FunctionType, where: str) -> Iterator[LawFinding]:
-    found, value = _resolved(node, function)
-    if not found:
+    known, value = _resolved(node, function)
+    if not known:
         return
     shown = ast.unparse(node)
     if isinstance(value, list | dict | set | bytearray):
@@ -169,13 +171,13 @@ def _resolved(node: ast.expr, function: FunctionType) -> tuple[bool, Any]:
             return True, getattr(builtins, node.id)
         return False, None
     if isinstance(node, ast.Attribute):
-        found, owner = _resolved(node.value, function)
-        if found and isinstance(owner, ModuleType | type) and hasattr(owner, node.attr):
+        known, owner = _resolved(node.value, function)
+        if known and isinstance(owner, ModuleType | type) and hasattr(owner, node.attr):
             return True, getattr(owner, node.attr)
-        if found and isinstance(owner, FunctionType):
+        if known and isinstance(owner, FunctionType):
             return True, [owner]  # an attribute of a function is state
     return False, None
 
 
-def _state(where: str, what: str) -> LawFinding:
-    return LawFinding("source", where, what, "keep everything in the memory that update returns")
+def _state(where: str, fault: str) -> LawFinding:
+    return LawFinding("source", where, fault, "keep everything in the memory that update returns")

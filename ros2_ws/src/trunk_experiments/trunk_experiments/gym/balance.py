@@ -32,7 +32,7 @@ def space_of_observations() -> spaces.Space[Floats]:
     return cast("spaces.Space[Floats]", box)
 
 
-def told(task: Task) -> Task:
+def with_warnings_logged(task: Task) -> Task:
     """Return the task, after passing the plan's warnings to Gymnasium's logger."""
     about_gains = set(advice(task.plan))  # the policy chooses them
     for warning in task.plan.warnings:
@@ -73,7 +73,7 @@ class BalanceEnv(gymnasium.Env[Floats, Floats]):
             raise PlanError(
                 f"render_mode {render_mode!r}: rendering is not supported; plot a saved episode instead"
             )
-        self.task = told(make_task(scenario, **options))
+        self.task = with_warnings_logged(make_task(scenario, **options))
         self.action_space = space_of_actions(self.task)
         self.observation_space = space_of_observations()
         self._episodes = Episodes(self.task, 1)

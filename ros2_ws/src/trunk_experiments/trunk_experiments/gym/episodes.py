@@ -120,7 +120,7 @@ class Episodes:
         if taken.shape != shape:
             raise ActionError(f"action: its shape is {taken.shape}, it must be {shape}")
         if not np.isfinite(taken).all():
-            episode, i = (int(one) for one in np.argwhere(~np.isfinite(taken))[0])
+            episode, i = (int(index) for index in np.argwhere(~np.isfinite(taken))[0])
             raise ActionError(
                 f"action: number {i} of environment {episode} is {taken[episode, i]}: it must be finite"
             )
@@ -128,7 +128,7 @@ class Episodes:
         return taken
 
     def observations(self) -> Floats:
-        """Return what a controller sees now [count, OBSERVED], in a new array."""
+        """Return the controllers' observations now [count, OBSERVED], in a new array."""
         out = np.empty((self.count, OBSERVED))
         _quick(observe)(self.course, self._blocks, self.steps, self._series, self._history, out)
         return out

@@ -95,7 +95,7 @@ class _Policy:
         """Return the answer to a measured state."""
         reference = reference_at(measured.stamp_ns, self._task.regular.profile)
         angle, rate = measured.position[1], measured.velocity[1]
-        given = [float(one) for one in action]
+        given = [float(number) for number in action]
         terms: LawTerms
         if self._task.by_gains:
             self._state, terms = pid_update(

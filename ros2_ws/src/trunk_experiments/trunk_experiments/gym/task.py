@@ -74,10 +74,10 @@ class Task:
 
         From raw 64-bit integers, whose stream NumPy guarantees: the same bits on every machine.
         """
-        raw: list[int] = [int(one) for one in generator.bit_generator.random_raw(6)]
+        raw: list[int] = [int(word) for word in generator.bit_generator.random_raw(6)]
         initial = tuple(
-            middle + width * (2.0 * ((one >> 11) * 2.0**-53) - 1.0)
-            for middle, width, one in zip(self.as_planned.initial, self.spread, raw, strict=False)
+            middle + width * (2.0 * ((word >> 11) * 2.0**-53) - 1.0)
+            for middle, width, word in zip(self.as_planned.initial, self.spread, raw, strict=False)
         )
         return Drawn(initial, raw[4] >> 33, raw[5] >> 33, raw[5] >> 33)
 
@@ -181,7 +181,7 @@ def _bounds(
 ) -> tuple[Floats, Floats]:
     config = cast("PidConfig", plan.controller)
     if action == "gains":
-        given = [2.0 * one for one in config.gains] if largest_gains is None else largest_gains
+        given = [2.0 * gain for gain in config.gains] if largest_gains is None else largest_gains
         return np.zeros(3), np.array(_numbers("largest_gains", given, 3))
     if largest_gains is not None:
         raise PlanError("largest_gains: it is for action='gains' only; leave it out")
@@ -195,16 +195,16 @@ def _bounds(
 def _texts(name: str, values: Sequence[str | Path]) -> Sequence[str]:
     if isinstance(values, str):
         raise PlanError(f"{name} {values!r}: give a list, such as [{values!r}]")
-    return [str(one) for one in values]
+    return [str(value) for value in values]
 
 
 def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
     """Return ``count`` finite numbers of at least 0. Raises PlanError for anything else."""
     try:
-        found = tuple(float(one) for one in values)
+        numbers = tuple(float(value) for value in values)
     except (TypeError, ValueError):
-        found = ()
-    if len(found) != count or not all(isfinite(one) and one >= 0.0 for one in found):
-        what = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise PlanError(f"{name} {values!r}: give {what}, 0 or greater")
-    return found
+        numbers = ()
+    if len(numbers) != count or not all(isfinite(number) and number >= 0.0 for number in numbers):
+        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise PlanError(f"{name} {values!r}: give {wanted}, 0 or greater")
+    return numbers

@@ -15,7 +15,13 @@ from gymnasium.vector.utils import batch_space
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..errors import PlanError, did_you_mean
-from .balance import OPTIONS, space_of_actions, space_of_observations, told, wants_plan
+from .balance import (
+    OPTIONS,
+    space_of_actions,
+    space_of_observations,
+    wants_plan,
+    with_warnings_logged,
+)
 from .episodes import Episodes, Flags
 from .task import make_task
 
@@ -50,7 +56,7 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
         self.mode = _mode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.mode}
         self.num_envs = num_envs
-        self.task = told(make_task(scenario, **options))
+        self.task = with_warnings_logged(make_task(scenario, **options))
         self.single_action_space = space_of_actions(self.task)
         self.single_observation_space = space_of_observations()
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -72,9 +78,9 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
         """
         as_planned = wants_plan(options, (*OPTIONS, "reset_mask"))
         mask = self._mask((options or {}).get("reset_mask"))
-        for i, one in enumerate(self._seeds(seed)):
-            if one is not None and mask[i]:
-                self._generators[i] = seeding.np_random(one)[0]
+        for i, own_seed in enumerate(self._seeds(seed)):
+            if own_seed is not None and mask[i]:
+                self._generators[i] = seeding.np_random(own_seed)[0]
         self._begin(mask, as_planned)
         return self._episodes.observations(), self._infos(mask)
 
@@ -124,22 +130,22 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
         self._begun |= mask
 
     def _generator(self, i: int) -> np.random.Generator:
-        found = self._generators[i]
-        if found is None:
-            found = self._generators[i] = seeding.np_random()[0]
-        return found
+        generator = self._generators[i]
+        if generator is None:
+            generator = self._generators[i] = seeding.np_random()[0]
+        return generator
 
     def _infos(self, mask: Flags | None = None) -> Infos:
         """Return the infos of `BalanceEnv`, one array each, and which environments they are for."""
         episodes = self._episodes
-        found: Infos = {
+        infos: Infos = {
             "step": episodes.steps[: self.num_envs].copy(),
             "angle": episodes.angles,
             "torque": episodes.torques,
             "diverged": episodes.diverged,
         }
         there = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask
-        return found | {f"_{name}": there.copy() for name in found}
+        return infos | {f"_{name}": there.copy() for name in infos}
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         if seed is None:

@@ -27,7 +27,7 @@ class ClaimCheck:
 
     figure: str
     contender: str
-    what: str
+    quantity: str
     value: float
     relation: str  # "<=" or ">"
     bound: float
@@ -37,12 +37,12 @@ class ClaimCheck:
     @property
     def label(self) -> str:
         """Figure, contender, and what is compared."""
-        return f"{self.figure} {self.contender}, {self.what}"
+        return f"{self.figure} {self.contender}, {self.quantity}"
 
     @property
     def title(self) -> str:
         """The contender and what is compared, in words."""
-        return f"{CONTENDERS[self.contender].title}: {self.what.removesuffix(_ABOVE)}"
+        return f"{CONTENDERS[self.contender].title}: {self.quantity.removesuffix(_ABOVE)}"
 
     @property
     def holds(self) -> bool:
@@ -50,7 +50,7 @@ class ClaimCheck:
         return self.value <= self.bound if self.relation == "<=" else self.value > self.bound
 
     @property
-    def found(self) -> str:
+    def value_text(self) -> str:
         """The value with its unit; ``never`` for an infinite time."""
         return _with_unit(self.value, self.unit)
 

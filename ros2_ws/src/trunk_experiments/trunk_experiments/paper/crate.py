@@ -79,7 +79,7 @@ def _check(path: Path) -> None:
 def _copy_parameters(result: Reproduction, folder: Path) -> list[Path]:
     """Copy the scenarios and parameter files that the runs read; return the copies."""
     used = {case.contender for case in result.runs}
-    names = {*FIGURES, *PROFILES, *(n for one in used for n in CONTENDERS[one].params)}
+    names = {*FIGURES, *PROFILES, *(n for contender in used for n in CONTENDERS[contender].params)}
     target = folder / "parameters"
     target.mkdir(exist_ok=True)
     return [

@@ -229,20 +229,20 @@ def single_repairs(table: tuple[str, ...]) -> list[tuple[int, int]]:
     def symmetric() -> bool:
         return cells == cells[::-1] and all(row == row[::-1] for row in cells)
 
-    found = []
+    repairs = []
     for i, row in enumerate(cells):
         for j, label in enumerate(row):
             row[j] = "B" if label == "S" else "S"
             if symmetric():
-                found.append((i, j))
+                repairs.append((i, j))
             row[j] = label
-    return found
+    return repairs
 
 
 def _table_3() -> tuple[bool, str]:
-    found = single_repairs(KD_AS_PRINTED)
-    names = ", ".join(f"({INPUT_LABELS[i]}, {INPUT_LABELS[j]})" for i, j in found)
-    return [(INPUT_LABELS[i], INPUT_LABELS[j]) for i, j in found] == [("NM", "PB")], (
+    repairs = single_repairs(KD_AS_PRINTED)
+    names = ", ".join(f"({INPUT_LABELS[i]}, {INPUT_LABELS[j]})" for i, j in repairs)
+    return [(INPUT_LABELS[i], INPUT_LABELS[j]) for i, j in repairs] == [("NM", "PB")], (
         f"of the 49 cells, changing one alone restores both symmetries (e → −e, ė → −ė): {names}"
     )
 

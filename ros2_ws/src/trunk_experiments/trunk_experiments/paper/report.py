@@ -95,13 +95,13 @@ def lead(result: Reproduction) -> str:
 
 def _won(result: Reproduction) -> dict[str, tuple[int, int]]:
     """Return, for each PID, in how many comparisons Fuzzy-PID did better, and how many there are."""
-    found: dict[str, tuple[int, int]] = {}
+    counts: dict[str, tuple[int, int]] = {}
     for verdict, *_ in result.verdicts():
         for check in verdict.checks:
             if check.against:
-                won, of = found.get(check.contender, (0, 0))
-                found[check.contender] = (won + check.holds, of + 1)
-    return found
+                won, of = counts.get(check.contender, (0, 0))
+                counts[check.contender] = (won + check.holds, of + 1)
+    return counts
 
 
 def _figure(figure: str, folder: Path) -> str:

@@ -92,20 +92,20 @@ def rate_dependence(rates: tuple[float, ...] = RATES) -> dict[str, Any]:
     and the pulses into torques of Kd step / h, which grow as the period shrinks.
     """
     batch = Batch()
-    found: dict[str, Any] = {}
+    outcomes: dict[str, Any] = {}
     for figure in ("fig6", "fig7", "fig8", "fig9"):
-        found[figure] = {}
+        outcomes[figure] = {}
         for rate in rates:
             plan = make_plan(figure, "pid", ["pid_as_printed"], everywhere={"update_rate": rate})
             values = batch.run(plan).metrics()
-            found[figure][rate] = values and {key: getattr(values, key) for key in RATE_KEYS}
-    return found
+            outcomes[figure][rate] = values and {key: getattr(values, key) for key in RATE_KEYS}
+    return outcomes
 
 
 def literal_model() -> dict[str, Any]:
     """Return, by controller and by ``none``, the metrics of Fig. 6 with the misprinted equations."""
     batch = Batch()
-    found: dict[str, Any] = {}
+    outcomes: dict[str, Any] = {}
     settings: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
         name: (c.node, c.params, ()) for name, c in OF_THE_PAPER.items()
     }
@@ -114,8 +114,8 @@ def literal_model() -> dict[str, Any]:
         for equations in ("plant_as_printed", "derived"):
             files = [*params, equations] if equations != "derived" else list(params)
             run = batch.run(make_plan("fig6", node, files, values)).metrics()
-            found[f"{name}, {equations}"] = run and run.as_dict()
-    return found
+            outcomes[f"{name}, {equations}"] = run and run.as_dict()
+    return outcomes
 
 
 def as_json(result: Reproduction) -> dict[str, Any]:

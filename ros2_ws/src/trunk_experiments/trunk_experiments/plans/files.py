@@ -56,17 +56,17 @@ def scenario_layers(scenario: str) -> list[Layer]:
     )
 
 
-def parse_setting(text: str, told: str = "--set") -> Layer:
+def parse_setting(text: str, origin: str = "--set") -> Layer:
     """Return the layer that ``NODE.PARAM=VALUE`` stands for; VALUE is YAML. Raises PlanError.
 
-    ``told``: where it came from, for messages.
+    ``origin``: where it came from, for messages.
     """
     target, equals, value_text = text.partition("=")
-    source, told = f"{told} {text}", f"{told} {quoted(text)}"
+    source, origin = f"{origin} {text}", f"{origin} {quoted(text)}"
     node, dot, name = target.partition(".")
     if not equals or not dot or node not in NODES:
         raise PlanError(
-            f"{told}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
+            f"{origin}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
             f"{did_you_mean(node, NODES) if equals and dot else ''}"
         )
-    return Layer(source, (Section(node, {name: value_of(value_text, told)}),))
+    return Layer(source, (Section(node, {name: value_of(value_text, origin)}),))

@@ -18,12 +18,12 @@ def quoted(text: str) -> str:
     return repr(shortened(text, 80))
 
 
-def value_of(text: str, told: str) -> object:
-    """Return the value in a YAML text. Raises PlanError, which begins with ``told``."""
+def value_of(text: str, origin: str) -> object:
+    """Return the value in a YAML text. Raises PlanError, which begins with ``origin``."""
     try:
         value = load(text)
     except YamlTextError as error:
-        raise PlanError(f"{told}: the value cannot be read: {error}") from None
+        raise PlanError(f"{origin}: the value cannot be read: {error}") from None
     if isinstance(value, str):
         with suppress(ValueError):
             return float(value)  # "inf" is a number to the user, but not to YAML
@@ -32,18 +32,18 @@ def value_of(text: str, told: str) -> object:
 
 def settings_of(texts: Iterable[str]) -> Mapping[str, object]:
     """Return the values by name of ``NAME=VALUE`` texts; VALUE is YAML. Raises PlanError."""
-    found: dict[str, object] = {}
+    values: dict[str, object] = {}
     for text in texts:
         name, equals, value_text = text.partition("=")
         if not equals or not name:
             raise PlanError(f"{quoted(text)}: NAME=VALUE is needed, such as gains.p=70")
-        if name in found:
+        if name in values:
             raise PlanError(f"{quoted(text)}: {name} is given twice: give one value")
         value = value_of(value_text, quoted(text))
         if value is None:
             raise PlanError(f"{quoted(text)}: no value: give one, an empty text as {name}='\"\"'")
-        found[name] = value
-    return found
+        values[name] = value
+    return values
 
 
 def checked_external(name: str) -> str:

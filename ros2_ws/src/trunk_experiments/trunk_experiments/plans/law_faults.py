@@ -20,9 +20,9 @@ def fault_of_a_law(error: BaseException) -> str:
         file = Path(frame.filename).resolve()
         for name, place in _places():
             if place == file or place in file.parents:
-                what = " ".join(f"{type(error).__name__}: {error}".split())
+                reason = " ".join(f"{type(error).__name__}: {error}".split())
                 return (
-                    f"controller {name!r}: {frame.filename}, line {frame.lineno}, in {frame.name}: {what}; "
+                    f"controller {name!r}: {frame.filename}, line {frame.lineno}, in {frame.name}: {reason}; "
                     f"trunk controller check {name} tests it alone"
                 )
     return ""

@@ -37,10 +37,10 @@ def config_from(node: str, layers: Sequence[Layer], namespace: str) -> Resolved:
         )
     except ParameterError as error:
         source = _source(full_name, error.name, layers)
-        told = ""
+        note = ""
         if error.name in written_with_units(declared, values):
-            told = _written(values[error.name], error)
-        raise ParameterFileError(f"{source}: {node}: {error}{told}") from None
+            note = _written(values[error.name], error)
+        raise ParameterFileError(f"{source}: {node}: {error}{note}") from None
 
 
 def _source(node: str, name: str, layers: Sequence[Layer]) -> str:
@@ -52,7 +52,7 @@ def _source(node: str, name: str, layers: Sequence[Layer]) -> str:
 
 
 def _written(value: object, error: ParameterError) -> str:
-    """Return what the file says, where the error shows it in SI units."""
+    """Return the value as the file has it, where the error shows it in SI units."""
     text = str(value)
     if isinstance(error.value, str) and error.value in text:
         return ""

@@ -28,7 +28,7 @@ class Operated:
         return bool(self.pushes)
 
     def at(self, stamp_ns: int) -> Applied:
-        """Return what acts on the step from the state with this stamp."""
+        """Return the push that acts on the step from the state with this stamp."""
         row = bisect_right(self._stamps, stamp_ns) - 1
         if row < 0 or self._limits is None:
             return NOTHING
@@ -36,7 +36,7 @@ class Operated:
         return self._limits.apply(asked, since_ns, stamp_ns)
 
     def over(self, stamps: Integers) -> Floats:
-        """Return what acts on the steps from these states [N, 2]: N and N m."""
+        """Return the pushes that act on the steps from these states [N, 2]: N and N m."""
         return np.array([self.at(stamp_ns) for stamp_ns in stamps.tolist()]).reshape(-1, 2)
 
 

@@ -159,20 +159,22 @@ def make_plan(
     layers += files
     if everywhere:
         layers.append(Layer(source, (Section("/**", dict(everywhere)),)))
-    single = [one if isinstance(one, Layer) else parse_setting(one) for one in settings]
+    single = [
+        setting if isinstance(setting, Layer) else parse_setting(setting) for setting in settings
+    ]
     layers += single
     check_names(layers, declared_names())
     layers += [Layer(source, (Section(name, {"autostart": False}),)) for name in standby]
     reference = () if external is None else ("reference",)
     taking = ("simulator", *turns, *standby, "disturbance", *reference, "recorder")
     check_targets(single, (*taking, *others))
-    warnings = [*not_taken([one.within(namespace) for one in files], taking, namespace)]
+    warnings = [*not_taken([file.within(namespace) for file in files], taking, namespace)]
     layers = [layer.within(namespace) for layer in layers]
     name = Path(scenario).stem
-    found = {node: config_from(node, layers, namespace) for node in taking}
-    simulator = found["simulator"].config
+    resolved = {node: config_from(node, layers, namespace) for node in taking}
+    simulator = resolved["simulator"].config
     # It publishes one plant step ahead: at another rate, its last message would not be for any step.
-    disturbance = with_values(found["disturbance"].config, update_rate=simulator.update_rate)
+    disturbance = with_values(resolved["disturbance"].config, update_rate=simulator.update_rate)
     end = simulator.duration or inf
     if pushes:
         disturbance = with_pushes(disturbance, pushes, end)
@@ -183,9 +185,9 @@ def make_plan(
     ]
     lockstep = simulator.lockstep
     profile = None
-    if external is not None and found["reference"].config.reference_profile != "topic":
+    if external is not None and resolved["reference"].config.reference_profile != "topic":
         rate = simulator.update_rate
-        profile = with_values(found["reference"].config, update_rate=rate, lockstep=lockstep)
+        profile = with_values(resolved["reference"].config, update_rate=rate, lockstep=lockstep)
     participants = (
         "effort_command",
         *(["disturbance"] if disturbance.active else []),
@@ -193,7 +195,7 @@ def make_plan(
     )
     controllers = {
         node: with_values(
-            found[node].config,
+            resolved[node].config,
             lockstep=lockstep,
             **({"active_times": times} if swaps else {}),
         )
@@ -210,7 +212,7 @@ def make_plan(
             controllers=controllers,
             disturbance=disturbance if disturbance.active else None,
             recorder=with_values(
-                found["recorder"].config,
+                resolved["recorder"].config,
                 controllers=tuple(controllers) or ((external,) if external else ()),
                 scenario=name,
                 lockstep=lockstep,
@@ -222,7 +224,7 @@ def make_plan(
             reference=profile,
             qos_overrides={node: qos_overrides(f"{namespace}/{node}", layers) for node in taking},
         ),
-        {node: one.with_units for node, one in found.items()},
+        {node: configuration.with_units for node, configuration in resolved.items()},
         standby,
     )
 

@@ -27,12 +27,12 @@ class Push(NamedTuple):
 
 
 def parse_push(text: str, at: float) -> Push:
-    """Return what ``[CHANNEL=]VALUE:DURATION[@TIME]`` stands for; without a time it starts at ``at`` s.
+    """Return the push that ``[CHANNEL=]VALUE:DURATION[@TIME]`` means; without a time it starts at ``at`` s.
 
     Raises PlanError.
     """
-    what, _, time_text = text.partition("@")
-    channel, equals, amount = what.rpartition("=")
+    push_text, _, time_text = text.partition("@")
+    channel, equals, amount = push_text.rpartition("=")
     channel = channel if equals else _USUAL
     value_text, colon, duration_text = amount.partition(":")
     needed = (
@@ -72,7 +72,7 @@ def pushed(config: DisturbanceConfig, pushes: Sequence[Push]) -> Mapping[str, Va
     They go into its table if that is free, or is held between rows on the same channel; otherwise, if they
     are alike and it has no pulses, they become its pulses. Raises PlanError if neither is possible.
     """
-    channels = {one.channel for one in pushes}
+    channels = {push.channel for push in pushes}
     free = not any(config.table_values)
     holds = config.table_interpolation == "hold" and channels == {config.table_channel}
     if len(channels) == 1 and (free or holds):
@@ -83,12 +83,12 @@ def pushed(config: DisturbanceConfig, pushes: Sequence[Push]) -> Mapping[str, Va
             "table.values": values,
             "table.interpolation": "hold",
         }
-    alike = {one._replace(start=0.0) for one in pushes}
+    alike = {push._replace(start=0.0) for push in pushes}
     no_pulses = not (config.pulse_start_times or config.pulse_random_count)
     if len(alike) == 1 and no_pulses:
         return {
             "pulse.channel": pushes[0].channel,
-            "pulse.start_times": tuple(sorted(one.start for one in pushes)),
+            "pulse.start_times": tuple(sorted(push.start for push in pushes)),
             "pulse.duration": pushes[0].duration,
             "pulse.magnitude": pushes[0].value,
         }
@@ -104,13 +104,13 @@ def _held_table(
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return times, s, and values of the table with the pushes added to it."""
     before = tuple(map(nanoseconds, config.table_times)) if any(config.table_values) else ()
-    spans = [_span(one) for one in pushes]
+    spans = [_span(push) for push in pushes]
     rows = sorted({*before, *(edge for span in spans for edge in span)})
     values = []
     for at_ns in rows:
         value = held(at_ns, before, config.table_values, 0.0)
-        for one, (start, end) in zip(pushes, spans, strict=True):
-            value += one.value if start <= at_ns < end else 0.0
+        for push, (start, end) in zip(pushes, spans, strict=True):
+            value += push.value if start <= at_ns < end else 0.0
         values.append(value)
     return tuple(map(seconds, rows)), tuple(values)
 

@@ -36,7 +36,7 @@ def branch_of(provenance: Mapping[str, str]) -> BranchOf | None:
     """Return the parent of a run that is a branch; None if it is not one, or its time is not recorded."""
     try:
         at = float(provenance[AT])
-        found = BranchOf(provenance[PARENT], provenance[OF], at, provenance[CHANGES])
+        branch = BranchOf(provenance[PARENT], provenance[OF], at, provenance[CHANGES])
     except (KeyError, ValueError):
         return None
-    return found if isfinite(at) else None
+    return branch if isfinite(at) else None

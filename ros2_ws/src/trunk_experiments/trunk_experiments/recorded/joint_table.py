@@ -152,8 +152,8 @@ class JointTable:
 
     def values(self, quantity: str) -> Floats:
         """Return all values of a quantity [N, names], or [N, 0] if no message carries it."""
-        found: Floats = getattr(self.arrays, quantity)
-        return found
+        values: Floats = getattr(self.arrays, quantity)
+        return values
 
     def columns(self, quantity: str, count: int) -> Floats:
         """Return all values of a quantity [N, count]. Raises RecordingError as `check_columns`."""

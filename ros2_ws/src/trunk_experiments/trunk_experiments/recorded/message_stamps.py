@@ -15,11 +15,13 @@ def message_stamps(source: RecordingFile, messages: Messages, number: Integers) 
     """Return each message's stamp in ns [N]; ``number`` [N] are their channels."""
     stamped = {c for c in np.unique(number).tolist() if source.type_of(c) in STAMPED}
     _, log, start, end = messages
-    found = log.copy()
+    stamps = log.copy()
     rows = np.flatnonzero(np.isin(number, list(stamped)) & (end - start >= 12))
     octets = np.frombuffer(messages.data, np.uint8)
     for order, little in (("<", True), (">", False)):
-        some = rows[(octets[start[rows] + 1] == 1) == little]
-        sec = unaligned(messages.data, f"{order}i4")[start[some] + 4].astype(np.int64)
-        found[some] = sec * NANOSECONDS + unaligned(messages.data, f"{order}u4")[start[some] + 8]
-    return found
+        matching = rows[(octets[start[rows] + 1] == 1) == little]
+        sec = unaligned(messages.data, f"{order}i4")[start[matching] + 4].astype(np.int64)
+        stamps[matching] = (
+            sec * NANOSECONDS + unaligned(messages.data, f"{order}u4")[start[matching] + 8]
+        )
+    return stamps

@@ -43,7 +43,7 @@ def plan_of(run: RecordedRun, in_time: bool = False) -> RunPlan:
     changes = {name: run.changes(name) for name in plan.configs}
     return replace(
         plan,
-        changes={name: found for name, found in changes.items() if found},
+        changes={name: node_changes for name, node_changes in changes.items() if node_changes},
         references=references_of(run),
         pushes=run.operated.pushes,
         inputs=None if in_time else inputs_of(run),
@@ -51,7 +51,7 @@ def plan_of(run: RecordedRun, in_time: bool = False) -> RunPlan:
 
 
 def inputs_of(run: RecordedRun) -> RealTimeInputs | None:
-    """Return what the wall clock decided in a real-time run; None where time was exact.
+    """Return the inputs that the wall clock decided in a real-time run; None where time was exact.
 
     Raises RecordingError if a controller that is not known gave a command that acted, or if some of what
     acted is not on record.
@@ -125,15 +125,15 @@ def why_not_again(run: RecordedRun, commanded: bool = False) -> str:
 
 def references_of(run: RecordedRun) -> dict[int, float]:
     """Return the controllers' references that came by topic and are in no parameter."""
-    found: dict[int, float] = {}
+    references: dict[int, float] = {}
     for name in run.controllers:
-        told = any(
+        by_topic = any(
             (change.values or {}).get("reference.profile") == "topic"
             for change in run.changes(name)
         )
-        if told or run.config(name).reference_profile == "topic":
+        if by_topic or run.config(name).reference_profile == "topic":
             terms = run.table(topics.controller_state(name))
             values = terms.values("position")
             if len(terms) and values.shape[1]:
-                found |= dict(zip(terms.stamps, values[:, 0].tolist(), strict=True))
-    return found
+                references |= dict(zip(terms.stamps, values[:, 0].tolist(), strict=True))
+    return references

@@ -303,9 +303,9 @@ class RecordedRun:
         names = {
             topic: self.recording.topic(topic) for topic in wanted if topic not in self._tables
         }
-        found = read_series(self.recording, {name: wanted[topic] for topic, name in names.items()})
+        series = read_series(self.recording, {name: wanted[topic] for topic, name in names.items()})
         return {
-            topic: found.pop(names[topic])
+            topic: series.pop(names[topic])
             if topic in names
             else series_of(self._tables[topic].arrays, columns)
             for topic, columns in wanted.items()
@@ -336,7 +336,7 @@ class RecordedRun:
         return self._processes[node]
 
     def changes(self, node: str) -> list[Change]:
-        """Return what changed in a node's first process: see `Process.changes`."""
+        """Return the changes in a node's first process: see `Process.changes`."""
         processes = self.processes(node)
         return processes[0].changes if processes else []
 

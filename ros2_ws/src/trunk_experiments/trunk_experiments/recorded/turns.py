@@ -35,15 +35,15 @@ def acting(stamps: Integers, turns: Iterable[tuple[int, bool]], begins: bool) ->
     A turn is a stamp, ns, and True if it makes the controller active; it takes effect after its stamp.
     ``begins``: the controller acts from the start, although no turn says so.
     """
-    found = np.zeros(len(stamps), bool)
+    mask = np.zeros(len(stamps), bool)
     since: int | None = -1 if begins else None
     for stamp_ns, active in turns:
         if active:
             since = stamp_ns
         elif since is not None:
-            found |= (stamps > since) & (stamps <= stamp_ns)
+            mask |= (stamps > since) & (stamps <= stamp_ns)
             since = None
-    return found if since is None else found | (stamps > since)
+    return mask if since is None else mask | (stamps > since)
 
 
 def acts(run: RecordedRun, controller: str, stamps: Integers) -> Bools:
@@ -85,8 +85,8 @@ def idle_ns(run: RecordedRun) -> Integers:
     anybody = np.zeros(len(stamps), bool)
     for name in run.controllers:
         anybody |= acts(run, name, stamps)
-    found: Integers = stamps[~anybody]
-    return found
+    idle: Integers = stamps[~anybody]
+    return idle
 
 
 def recorded_turns(run: RecordedRun) -> tuple[Turn, ...]:
@@ -103,6 +103,6 @@ def recorded_turns(run: RecordedRun) -> tuple[Turn, ...]:
     who, when = who[order], when[order]
     first = np.flatnonzero(np.diff(who, prepend=-1))
     return tuple(
-        Turn(seconds(stamp_ns - run.begin_ns), names[one])
-        for stamp_ns, one in zip(when[first].tolist(), who[first].tolist(), strict=True)
+        Turn(seconds(stamp_ns - run.begin_ns), names[index])
+        for stamp_ns, index in zip(when[first].tolist(), who[first].tolist(), strict=True)
     )

@@ -115,15 +115,15 @@ class Check:
     def excuse(self, why: str) -> None:
         """Judge only what comes before the first difference: what follows may lack something on record."""
         if self.wrong_steps:
-            what = describe(self.first[0])
+            difference = describe(self.first[0])
             self.unjudged += self.steps - self._equal_before[0]
             self.steps, self.until_ns = self._equal_before
             self.wrong_steps, self.first = 0, []
-            self.reason = f"{why}: judged up to {what}"
+            self.reason = f"{why}: judged up to {difference}"
 
 
 def unequal(recorded: Floats, computed: Floats) -> Bools:
-    """Return where two arrays do not have the same 64 bits [n]."""
+    """Return a mask of the elements of two arrays that do not have the same 64 bits [n]."""
     a, b = (
         np.ascontiguousarray(values, np.float64).view(np.int64) for values in (recorded, computed)
     )

@@ -163,8 +163,8 @@ def _unit(topic: str, field: str, hip: str) -> str:
 
 def _altered(letter: str, run: RecordedRun) -> list[str]:
     return [
-        f"{what}: not as the recorder of {letter} wrote it (digest)"
-        for what in run.recording.alterations()
+        f"{part}: not as the recorder of {letter} wrote it (digest)"
+        for part in run.recording.alterations()
     ]
 
 
@@ -194,13 +194,13 @@ def _events(a: RecordedRun, b: RecordedRun) -> list[str]:
 
 
 def _events_by_node(run: RecordedRun) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
+    events: dict[str, list[str]] = {}
     for event in run.events:
-        told = {key: value for key, value in event.values.items() if key != "process"}
-        values = "".join(f", {key} {value}" for key, value in told.items())
+        fields = {key: value for key, value in event.values.items() if key != "process"}
+        values = "".join(f", {key} {value}" for key, value in fields.items())
         text = f"{event.message} at t = {seconds(event.stamp_ns):g} s{values}"
-        found.setdefault(run.recording.relative(event.node), []).append(text)
-    return found
+        events.setdefault(run.recording.relative(event.node), []).append(text)
+    return events
 
 
 def _state_topics(a: RecordedRun, b: RecordedRun) -> list[str]:
@@ -267,9 +267,9 @@ def _nth(stamps: Integers) -> Integers:
     """Return, for each message, how many earlier ones have the same stamp."""
     order = np.argsort(stamps, kind="stable")
     rising = stamps[order]
-    found = np.empty(len(stamps), np.int64)
-    found[order] = np.arange(len(stamps)) - np.searchsorted(rising, rising)
-    return found
+    counts = np.empty(len(stamps), np.int64)
+    counts[order] = np.arange(len(stamps)) - np.searchsorted(rising, rising)
+    return counts
 
 
 def _parameters(a: RecordedRun, b: RecordedRun) -> list[str]:

@@ -57,57 +57,57 @@ def examine(
 def findings(run: RecordedRun) -> list[Finding]:
     """Return all findings on a run that is open. Raises RecordingError if it is not readable any more."""
     recording, path = run.recording, run.path
-    found: list[Finding] = []
+    problems: list[Finding] = []
     files = bag_folder(path).files if path.is_dir() else [path]
     try:
         for file in files:
-            found += structure(file)
+            problems += structure(file)
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}: give a readable file") from None
     # The structure check has already reported what the scan says of damaged bytes, with their place.
-    known = {finding.message for finding in found}
-    found += [
+    known = {finding.message for finding in problems}
+    problems += [
         Finding(WARNING if warning.startswith("recorded by") else ERROR, warning)
         for warning in recording.warnings
         if not any(warning.endswith(message) for message in known)
     ]
-    found += _provenance(run)
-    found += [
-        Finding(ERROR, f"{what}: not as the recorder wrote it (digest)")
-        for what in recording.alterations()
+    problems += _provenance(run)
+    problems += [
+        Finding(ERROR, f"{part}: not as the recorder wrote it (digest)")
+        for part in recording.alterations()
     ]
     try:
-        found += _evidence(run)
+        problems += _evidence(run)
         roles = _Roles.of(run)
         for topics in _together(recording):
             for name, joints in recording.joints_of(topics).items():
                 if run.another_robot and name == recording.topic(names.JOINT_STATES):
                     # Others' joints share the topic: only what our controllers look at counts.
-                    found += _order(run.table(names.JOINT_STATES).stamp_ns, name, WARNING)
+                    problems += _order(run.table(names.JOINT_STATES).stamp_ns, name, WARNING)
                 else:
-                    found += _joints(run, roles, name, joints)
+                    problems += _joints(run, roles, name, joints)
     except RecordingError as error:
-        found.append(Finding(ERROR, str(error).removeprefix(f"{path}: ")))
-    return found
+        problems.append(Finding(ERROR, str(error).removeprefix(f"{path}: ")))
+    return problems
 
 
 def _together(recording: Recording) -> Iterator[list[str]]:
     """Yield the JointState topics that can be read, as many in one pass as memory should hold."""
-    some: list[str] = []
+    batch: list[str] = []
     size = 0
     for name, topic in sorted(recording.topics.items()):
         if topic.type == names.JOINT_STATE_TYPE and topic.readable:
-            if some and size + topic.size > _PASS:
-                yield some
-                some, size = [], 0
-            some.append(name)
+            if batch and size + topic.size > _PASS:
+                yield batch
+                batch, size = [], 0
+            batch.append(name)
             size += topic.size
-    if some:
-        yield some
+    if batch:
+        yield batch
 
 
 def _evidence(run: RecordedRun) -> Iterator[Finding]:
-    """Yield what keeps the run from being recomputed although every message is sound."""
+    """Yield the findings that keep the run from being recomputed although every message is sound."""
     recording = run.recording
     if run.controllers and not run.events:
         yield Finding(
@@ -249,11 +249,11 @@ def _turns(run: RecordedRun, controller: str | None, stamps: Integers) -> list[I
 
 def _order(stamp_ns: Integers, topic: str, severity: str) -> Iterator[Finding]:
     steps = np.diff(stamp_ns)
-    for rows, what in (
+    for rows, fault in (
         (np.flatnonzero(steps < 0), "the stamp is earlier than that of the message before it"),
         (np.flatnonzero(steps == 0), "the stamp appears twice"),
     ):
-        yield from _places(severity, what, topic, stamp_ns[rows + 1])
+        yield from _places(severity, fault, topic, stamp_ns[rows + 1])
 
 
 def _late(first_ns: int, topic: str, period_ns: int) -> Iterator[Finding]:
@@ -267,7 +267,7 @@ def _late(first_ns: int, topic: str, period_ns: int) -> Iterator[Finding]:
 
 
 def _gaps(stamps: Integers, topic: str, period_ns: int | None, severity: str) -> Iterator[Finding]:
-    """Yield where steps are missing, by the period or else the median distance of the stamps."""
+    """Yield the places where steps are missing, by the period or else the median distance of the stamps."""
     steps = np.diff(stamps)
     if not len(steps):
         return
@@ -289,14 +289,14 @@ def _numbers(joints: JointArrays, topic: str) -> Iterator[Finding]:
         for column in range(values.shape[1]):
             bad = np.flatnonzero(~np.isfinite(values[:, column]))
             if len(bad):
-                what = f"{quantity}[{joints.names[column]}] is {values[bad[0], column]}"
-                yield from _places(ERROR, what, topic, joints.stamp_ns[bad])
+                fault = f"{quantity}[{joints.names[column]}] is {values[bad[0], column]}"
+                yield from _places(ERROR, fault, topic, joints.stamp_ns[bad])
 
 
-def _places(severity: str, what: str, topic: str, stamps: Integers) -> Iterator[Finding]:
+def _places(severity: str, fault: str, topic: str, stamps: Integers) -> Iterator[Finding]:
     for stamp in stamps[:_EXAMPLES].tolist():
-        yield Finding(severity, what, topic, stamp)
+        yield Finding(severity, fault, topic, stamp)
     if len(stamps) > _EXAMPLES:
         last = seconds(int(stamps[-1]))
-        text = f"{what}: {len(stamps)} times in all, the last at t = {last:g} s"
+        text = f"{fault}: {len(stamps)} times in all, the last at t = {last:g} s"
         yield Finding(severity, text, topic, int(stamps[0]))

@@ -71,30 +71,30 @@ class Doubts:
     @property
     def lines(self) -> list[str]:
         """A line for each doubt."""
-        found = []
+        lines = []
         if self.incomplete:
             until = f"; {self.until}" if self.until else ""
-            found.append(f"INCOMPLETE: {self.incomplete}{until}")
+            lines.append(f"INCOMPLETE: {self.incomplete}{until}")
         if self.fell_at_s is not None:
             angle = "" if self.fell_angle_deg is None else f", {self.fell_angle_deg:.0f} degrees"
-            found.append(f"FELL: at t = {self.fell_at_s:g} s{angle}")
+            lines.append(f"FELL: at t = {self.fell_at_s:g} s{angle}")
         if self.leans_deg is not None:
             limit = (
                 ""
                 if self.limit_deg is None
                 else f", but fall.angle is {self.limit_deg:.3g} degrees"
             )
-            found.append(f"BEYOND 90 degrees: it ends at {self.leans_deg:.0f} degrees{limit}")
-        found += self.refused
+            lines.append(f"BEYOND 90 degrees: it ends at {self.leans_deg:.0f} degrees{limit}")
+        lines += self.refused
         if self.late or self.moved_deg:
             moved = ""
             if self.moved_deg is not None:
                 moved = f"; in lock-step the angle differs by up to {self.moved_deg:.3g} degrees"
-            found.append(
+            lines.append(
                 f"LATE: the machine was too busy, {self.late} of {self.steps} steps late{moved}: "
                 "--lockstep gives the exact run"
             )
-        return found
+        return lines
 
     def as_values(self, judged: str | None = None) -> dict[str, object]:
         """Return plain values, for JSON; ``judged``: the verdict, if the run has been recomputed."""
@@ -117,7 +117,7 @@ class Doubts:
 
 
 def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts:
-    """Return what is doubtful about a run; ``twin``: simulate it in lock-step, if it was in real time.
+    """Return the doubts about a run; ``twin``: simulate it in lock-step, if it was in real time.
 
     Without ``whole`` only events are looked at, not every message.
 
@@ -193,7 +193,7 @@ def _times(run: RecordedRun, relative: str) -> tuple[Integers, Integers]:
 
 
 def refused(run: RecordedRun, whole: bool = True) -> Iterator[str]:
-    """Yield what nodes did not use, or took otherwise than it was meant: how many, and why.
+    """Yield the inputs that nodes did not use, or took otherwise than meant: how many, and why.
 
     With ``whole`` states whose stamps cannot be right come first.
     """
@@ -209,12 +209,12 @@ def refused(run: RecordedRun, whole: bool = True) -> Iterator[str]:
         if "what" in event.values:
             reasons.setdefault((node, event.values["what"]), event.values.get("why", ""))
         else:
-            counts |= {(node, what): as_count(text) for what, text in event.values.items()}
-    for (node, what), why in reasons.items():
-        word = "STAMPS" if what in ARRIVALS else "REFUSED"
-        count = counts.get((node, what), -1)
+            counts |= {(node, kind): as_count(text) for kind, text in event.values.items()}
+    for (node, kind), why in reasons.items():
+        word = "STAMPS" if kind in ARRIVALS else "REFUSED"
+        count = counts.get((node, kind), -1)
         number = str(count) if count >= 0 else "some"
-        yield f"{word}: {node}: {number} {what}: {why}"
+        yield f"{word}: {node}: {number} {kind}: {why}"
 
 
 def _leans(run: RecordedRun) -> tuple[float | None, float | None]:

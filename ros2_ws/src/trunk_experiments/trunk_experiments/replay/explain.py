@@ -172,13 +172,13 @@ def _explain(run: RecordedRun, at: float) -> Explanation:
     commands = run.table(topics.EFFORT_COMMAND)
     # If several took turns: the one that updated last.
     at_ns = run.begin_ns + nanoseconds(at)
-    last = {label: one.last_update(at_ns) for label, one in rerun.answers.items()}
+    last = {label: answer.last_update(at_ns) for label, answer in rerun.answers.items()}
     if max(last.values(), default=-1) < 0:
         raise RecordingError(
             f"{run.path}: {' or '.join(names)} had not answered any state by t = {at:g} s: "
             "give --at a later time"
         )
-    label = max(last, key=lambda one: last[one])
+    label = max(last, key=lambda candidate: last[candidate])
     name = rerun.answers[label].process.node
     update = _update(rerun, label, last[label])
     acted = [turn.controller for turn in recorded_turns(run) if turn.start <= at]
@@ -257,12 +257,12 @@ def _rules(terms: Terms, config: FuzzyPidConfig) -> tuple[Rule, ...]:
         [row.split() for row in rows]
         for rows in (config.rules_kp, config.rules_kd, config.rules_alpha)
     ]
-    found = []
+    rules = []
     for rule in sorted(fired, key=lambda rule: -rule.weight):
         kp, kd, alpha = (table[rule.row][rule.column] for table in tables)
         labels = INPUT_LABELS[rule.row], INPUT_LABELS[rule.column]
-        found.append(Rule(*labels, rule.weight, kp, rule.kp, kd, rule.kd, alpha, rule.alpha))
-    return tuple(found)
+        rules.append(Rule(*labels, rule.weight, kp, rule.kp, kd, rule.kd, alpha, rule.alpha))
+    return tuple(rules)
 
 
 def _windup(update: _Update) -> Windup:

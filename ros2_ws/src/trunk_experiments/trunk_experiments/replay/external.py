@@ -36,7 +36,7 @@ class ExternalCommand:
 
 
 def external_command(run: RecordedRun, at: float) -> ExternalCommand:
-    """Return what is known of the command in force at a time in s. Raises RecordingError outside the run."""
+    """Return the command in force at a time in s, with its context. Raises RecordingError outside the run."""
     table = RunTable.from_run(run)
     if not table.t[0] <= at <= table.t[-1]:
         raise RecordingError(

@@ -202,12 +202,12 @@ class _Rule:
         timeouts = np.array(self._timeouts)
         longest = np.maximum(timeouts[at], timeouts[np.maximum(at - 1, 0)])
         shortest = np.minimum(timeouts[at], timeouts[np.maximum(at - 1, 0)])
-        for what, stamp_ns in (
+        for kind, stamp_ns in (
             ("command", force.command_ns),
             ("disturbance", force.disturbance_ns),
         ):
-            newest = np.maximum.accumulate(np.append(self._newest[what], stamp_ns))
-            self._newest[what] = int(newest[-1])
+            newest = np.maximum.accumulate(np.append(self._newest[kind], stamp_ns))
+            self._newest[kind] = int(newest[-1])
             before, acts = newest[:-1], stamp_ns >= 0
             wrong = acts & ((stamp_ns < before) | (stamps - stamp_ns > longest))
             wrong |= acts & (stamp_ns > stamps)
@@ -215,5 +215,5 @@ class _Rule:
             if self._awaited and force.disturbance_ns is stamp_ns:
                 wrong |= ~acts & (stamps == 0)
             yield ComparedColumn(
-                topics.PLANT_INPUTS, f"{what} in force", wrong.astype(float), np.zeros(len(wrong))
+                topics.PLANT_INPUTS, f"{kind} in force", wrong.astype(float), np.zeros(len(wrong))
             )

@@ -58,7 +58,7 @@ def contradictions(run: RecordedRun, rerun: Rerun) -> list[str]:
 
 
 def _joints(run: RecordedRun) -> Iterator[str]:
-    """Yield where messages name other joints than the parameters, or hold other quantities."""
+    """Yield a line where messages name other joints than the parameters, or hold other quantities."""
     joints = run.config("simulator").joints
     for node in ("disturbance", *run.judgeable):
         config = run.config(node) if node in run.parameters else None
@@ -97,7 +97,7 @@ def _joints(run: RecordedRun) -> Iterator[str]:
 
 
 def _start_and_end(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
-    """Yield where the run does not begin once and end once, as its parameters and its last state say."""
+    """Yield a line where the run does not begin and end once, as its parameters and its last state say."""
     config: SimulatorConfig = rerun.simulator.config
     events = rerun.simulator.events
     started = [event for event in events if event.message == Event.STARTED]
@@ -136,7 +136,7 @@ def _start_and_end(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
 
 
 def _counts(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
-    """Yield where there are not as many messages as states, or as the nodes say they published."""
+    """Yield a line where there are not as many messages as states, or as the nodes say they published."""
     states = len(rerun.stamps)
     every = [topics.GROUND_TRUTH, topics.JOINT_STATES]
     every += [topics.EFFORT_COMMAND] if run.exact and not run.external else []
@@ -264,20 +264,20 @@ def _pushes(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     """Yield pushes that no simulator with this run's parameters takes."""
     if not run.count(topics.OPERATOR_PUSH):
         return
-    what = f"{topics.OPERATOR_PUSH}: "
+    prefix = f"{topics.OPERATOR_PUSH}: "
     limits = rerun.simulator.config.operator_limits
     table = run.table(topics.OPERATOR_PUSH)
     if limits is None:
-        yield f"{what}{len(table)} messages, but operator.force and operator.torque are 0"
+        yield f"{prefix}{len(table)} messages, but operator.force and operator.torque are 0"
         return
     odd = np.setdiff1d(table.stamp_ns, rerun.stamps)
     if len(odd):
-        yield f"{what}a message at t = {seconds(int(odd[0])):g} s, where there is no state"
+        yield f"{prefix}a message at t = {seconds(int(odd[0])):g} s, where there is no state"
     efforts = table.values("effort").tolist()
     for stamp_ns, values in zip(table.stamp_ns.tolist(), efforts, strict=True):
         if len(values) != 2 or limits.clip(Applied._make(values)) != tuple(values):
             at = seconds(stamp_ns)
-            yield f"{what}what acts from t = {at:g} s on is beyond the operator's limits"
+            yield f"{prefix}what acts from t = {at:g} s on is beyond the operator's limits"
 
 
 def _links(run: RecordedRun, rerun: Rerun) -> Iterator[str]:

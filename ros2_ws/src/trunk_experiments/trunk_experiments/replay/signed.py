@@ -26,11 +26,11 @@ def check_signature(
     try:
         signature = read(file)
     except SignatureError as error:
-        told = fingerprint(key) if key else ""
-        return SignatureCheck(str(file), trusted, told, f"{file}: {error}")
+        key_fingerprint = fingerprint(key) if key else ""
+        return SignatureCheck(str(file), trusted, key_fingerprint, f"{file}: {error}")
     fault, other_content = _fault(recording, file, signature, key)
-    told = fingerprint(key or signature.key)
-    return SignatureCheck(str(file), trusted, told, fault, other_content)
+    key_fingerprint = fingerprint(key or signature.key)
+    return SignatureCheck(str(file), trusted, key_fingerprint, fault, other_content)
 
 
 def judge_signature(
@@ -70,7 +70,7 @@ def take_signature(verdict: Verdict, check: SignatureCheck) -> None:
     """
     verdict.signature = check
     if check.trusted and not check.fault:
-        verdict.unjudged = [ORIGIN_SIGNED if what == ORIGIN else what for what in verdict.unjudged]
+        verdict.unjudged = [ORIGIN_SIGNED if part == ORIGIN else part for part in verdict.unjudged]
     if not check.trusted and not check.fault:
         verdict.notes.append(check.describe())
     if check.fault and not check.refuted:

@@ -90,7 +90,7 @@ class Verdict:
     def reasons(self) -> list[str]:
         """Why it is not verified, a line each; empty if it is."""
         return [
-            *(f"altered: {what}" for what in self.altered),
+            *(f"altered: {part}" for part in self.altered),
             *self.contradictions,
             *self.obstacles,
             *(f"{check.name}: {describe(check.first[0])}" for check in self.checks if check.first),

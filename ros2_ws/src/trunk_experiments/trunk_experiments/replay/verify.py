@@ -189,7 +189,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
 
 
 def _taken(run: RecordedRun, rerun: Rerun) -> Check:
-    """Return where commands of somebody else's node act: no law of theirs is known."""
+    """Return a check that takes the commands of somebody else's node as they are: its law is not known."""
     check = Check(f"commands of {run.external}", taken=True)
     if not len(rerun.stamps):
         return check
@@ -237,7 +237,7 @@ def _failures(run: RecordedRun) -> list[str]:
 
 
 def _missing(run: RecordedRun, rerun: Rerun) -> list[str]:
-    """Return what of the run is not on record, or not in order, a line each."""
+    """Return the parts of the run that are not on record, or not in order, a line each."""
     lines = []
     states, period_ns = rerun.stamps, rerun.simulator.config.period_ns
     if rerun.cut_ns is not None:
@@ -336,7 +336,7 @@ def _strangers(run: RecordedRun) -> list[str]:
 
 
 def _unjudged(run: RecordedRun) -> list[str]:
-    """Return what no check of this run looks at."""
+    """Return the parts of this run that no check looks at."""
     lines = [
         f"{name}: its parameters are recorded, but it gave no command"
         for name in sorted(set(run.parameters) & set(CONTROLLERS) - set(run.controllers))

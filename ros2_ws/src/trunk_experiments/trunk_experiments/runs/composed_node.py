@@ -29,8 +29,8 @@ def node_maker(name: str) -> Callable[[], TrunkNode[Any]]:
             import_module("trunk_control.controller_node").ControllerNode, law_named(name)
         )
     module, cls = _CLASSES[name]
-    found: Callable[[], TrunkNode[Any]] = getattr(import_module(module), cls)
-    return found
+    factory: Callable[[], TrunkNode[Any]] = getattr(import_module(module), cls)
+    return factory
 
 
 def main() -> None:

@@ -43,6 +43,6 @@ def _holder(name: str) -> str:
     with suppress(OSError), socket.socket(socket.AF_UNIX) as asked:
         asked.setblocking(False)  # its process need not answer
         asked.connect(name)
-        told = asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-        return f", in process {_CREDENTIALS.unpack(told)[0]}"
+        credentials = asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        return f", in process {_CREDENTIALS.unpack(credentials)[0]}"
     return ""

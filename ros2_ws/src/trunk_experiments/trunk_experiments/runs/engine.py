@@ -176,7 +176,7 @@ class Engine:
         return self._controllers
 
     def to_come(self) -> dict[str, list[Change]]:
-        """Return what has not taken effect yet, by node."""
+        """Return the changes that have not taken effect yet, by node."""
         timelines = {**self._timelines, "simulator": self._of_simulator}
         if self._of_disturbance is not None:
             timelines["disturbance"] = self._of_disturbance
@@ -210,7 +210,7 @@ class Engine:
         self._side.remembered, self._fallen = index, fallen
 
     def checkpoint(self) -> Checkpoint:
-        """Return where the run is: before the state with index `index`, the step to it made."""
+        """Return the run's checkpoint before the state with index `index`, the step to it made."""
         self.take_effect()
         state, falls = self._state, self.index == 0
         if state.begun:

@@ -12,7 +12,7 @@ from ..plans.plan import RunPlan
 
 
 def note_of(node: str, message: str, values: Mapping[str, str]) -> str:
-    """Return what a user is told at once of an event; empty for most."""
+    """Return the line that tells a user at once of an event; empty for most."""
     if message in (Event.CONNECTED, Event.DISCONNECTED):
         who = values.get("node") or "a participant without a ROS node"
         return f"{message}: {who} ({values.get('middleware', '?')})"

@@ -65,13 +65,15 @@ class RunFiles:
         return files
 
     def _check_replaceable(self, file: Path, way_out: str) -> None:
-        told = f"output {self.folder}: there is a {file.name} in it"
+        conflict = f"output {self.folder}: there is a {file.name} in it"
         if not self.replaces:
-            raise PlanError(f"{told}: give another folder{way_out}")
+            raise PlanError(f"{conflict}: give another folder{way_out}")
         if file.is_dir() != (file == self.logs):
-            raise PlanError(f"{told} that does not belong to a run: give another folder")
+            raise PlanError(f"{conflict} that does not belong to a run: give another folder")
         if file == self.recording and is_being_written(file):
-            raise PlanError(f"{told} that is being written: give another folder, or stop that run")
+            raise PlanError(
+                f"{conflict} that is being written: give another folder, or stop that run"
+            )
 
     @property
     def recording(self) -> Path:
@@ -116,5 +118,5 @@ class RunFiles:
         return self.folder / "logs"
 
     def log(self, node: str) -> Path:
-        """Return where a node's console output goes."""
+        """Return the file of a node's console output."""
         return self.logs / f"{node}.log"

@@ -57,11 +57,11 @@ def run_graph(
     run's own. Raises RunError naming the node that ended the run and why; by then every process has been
     stopped and the recording finished.
     """
-    told: set[str] = set()
+    lines: set[str] = set()
 
     def tell(line: str) -> None:
-        if line not in told:
-            told.add(line)
+        if line not in lines:
+            lines.add(line)
             note(line)
 
     middleware.prepare()

@@ -71,8 +71,8 @@ class _Watched:
     def __init__(self, handle: int) -> None:
         self._handle = handle
         with open(f"/proc/self/fdinfo/{handle}", encoding="ascii") as file:  # noqa: PTH123
-            told = dict(line.split(":", 1) for line in file)
-        self.pid = int(told["Pid"])
+            fields = dict(line.split(":", 1) for line in file)
+        self.pid = int(fields["Pid"])
 
     @property
     def ended(self) -> bool:

@@ -61,7 +61,7 @@ def surroundings_of(
     wire: Wire | None = None,
     remembered: int = 0,
 ) -> Surroundings:
-    """Return what surrounds the controllers while these configurations are in force."""
+    """Return the controllers' surroundings while these configurations are in force."""
     return Surroundings(
         simulator.plant,
         simulator.sensor,

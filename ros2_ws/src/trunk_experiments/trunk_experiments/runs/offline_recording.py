@@ -123,7 +123,7 @@ class OfflineRecorder:
         if plan.inputs is not None or within.held is not None:
             name = within.name(topics.PLANT_INPUTS)
             self._channels[topics.PLANT_INPUTS] = writer.channel(name, topics.JOINT_STATE_TYPE)
-        self._pushes = [one for one in plan.pushes if one[0] > self._before(within.first)]
+        self._pushes = [push for push in plan.pushes if push[0] > self._before(within.first)]
         self._film = Film() if pictures else None
         # Each source of disturbances is asked at increasing stamps.
         self._messages = StateMessages(
@@ -139,7 +139,9 @@ class OfflineRecorder:
         self._reference: float | None = None  # the last that a controller told
         self._of_simulator = plan.timeline("simulator")
         # The next change last, as `Timeline` orders a node's.
-        changes = [(node, one) for node, some in plan.changes.items() for one in some]
+        changes = [
+            (node, change) for node, node_changes in plan.changes.items() for change in node_changes
+        ]
         self._changes = sorted(changes, key=lambda change: change[1].stamp_ns)[::-1]
         self.states = within.first
 
@@ -190,15 +192,15 @@ class OfflineRecorder:
         """Write all states and how the run ends, and finish the file; return why it diverged, if it did."""
         first, states = self._within.first, states_of(self._plan)
         try:
-            for some in stretches:
-                self.write(some)
+            for stretch in stretches:
+                self.write(stretch)
                 progress(self.states - first, states - first)
         except DivergedError as error:
             self.put_changes_to_come()
             self.failed(str(error))
             self._writer.finish(complete=False, reason=str(error))
             return error
-        fell = len(some.table) - 1 in some.falls and self._plan.simulator.fall_stop
+        fell = len(stretch.table) - 1 in stretch.falls and self._plan.simulator.fall_stop
         reason = "the trunk has fallen" if fell else self.at_end
         self.put_changes_to_come()
         self.finished(reason)
@@ -217,7 +219,7 @@ class OfflineRecorder:
         return parameter_event(stamp_ns, name, new, changed, kinds, source)
 
     def _changed(self, states: States) -> Iterator[Rows]:
-        """Yield what came from outside before these states, as a graph records it."""
+        """Yield the changes that came from outside before these states, as a graph records them."""
         period_ns = self._plan.simulator.period_ns
         while self._changes:
             node, change = self._changes[-1]
@@ -238,7 +240,7 @@ class OfflineRecorder:
             yield topics.RUN_PARAMETERS, changed
 
     def _pushed(self, stamp_ns: Integers) -> Iterator[Rows]:
-        """Yield what was taken from an operator for the steps from these states."""
+        """Yield the pushes that were taken from an operator for the steps from these states."""
         joints, topic = self._plan.simulator.joints, topics.OPERATOR_PUSH
         while self._pushes and self._pushes[0][0] <= stamp_ns[-1]:
             if topic not in self._channels:
@@ -279,7 +281,7 @@ class OfflineRecorder:
                 rows.append(self._event_row(row, FELL, at_ns, Event.FELL, values, level=1))
             if row in drawn:
                 rows += self._pictures(states, row, at_ns)
-        self._writer.write_rows([self._later(one) for one in rows])
+        self._writer.write_rows([self._later(part) for part in rows])
         self._last_ns = int(stamp_ns[-1])
         self.states += len(states.table)
 
@@ -299,7 +301,7 @@ class OfflineRecorder:
         if states.acting(row):
             self._reference = float(state[REFERENCE])
         pushed = disturbance_sample(stamp_ns, joints, self._drawn(stamp_ns))
-        position, velocity = (tuple(state[one].tolist()) for one in (POSITION, VELOCITY))
+        position, velocity = (tuple(state[columns].tolist()) for columns in (POSITION, VELOCITY))
         truth = JointSample(stamp_ns, joints, position, velocity, (0.0, float(state[APPLIED])))
         for topic, data in film.picture(truth, pushed, self._reference, stamp_ns):
             yield self._single(topic, row * PLACES + PICTURE, stamp_ns, data)

@@ -32,9 +32,9 @@ def find_executable(package: str, executable: str) -> Path:
         if prefix and os.access(path, os.X_OK):
             return path
     if package not in _OURS:  # a controller's package that pip installed
-        found = shutil.which(executable)
-        if found is not None:
-            return Path(found)
+        command = shutil.which(executable)
+        if command is not None:
+            return Path(command)
         raise ExecutableError(
             f"executable {executable!r} of package {package!r} is not found: build it beside the "
             "project's packages, or install it with pip so that it is on the PATH"

@@ -49,7 +49,7 @@ class Schedule(NamedTuple):
 def read_by_wire(
     k: int, measured: Measurement, effort: float, wire: Wire | None
 ) -> tuple[Measurement, float]:
-    """Return what the controller reads in step k: the sensors, and the torque over the last step, N m."""
+    """Return the controller's reading in step k: the sensors, and the torque over the last step, N m."""
     if wire is None:
         return measured, effort
     readings = wire.readings
@@ -102,7 +102,7 @@ def recorded_reading(
 
 
 def recorded_disturbance(row: int, acting: Disturbance, values: Floats | None) -> Disturbance:
-    """Return what acts in a state: the recorded values, or else the signals' ``acting``."""
+    """Return the disturbance in a state: the recorded values, or else the signals' ``acting``."""
     if values is None:
         return acting
     return Disturbance(

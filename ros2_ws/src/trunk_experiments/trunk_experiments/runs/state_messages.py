@@ -91,14 +91,14 @@ class StateMessages:
         if self._plan.disturbance is not None:
             rows_of_all.append(self._disturbances(states))
         for name, rows in states.answers():
-            names = states.told.get(name, ())
+            names = states.term_names.get(name, ())
             rows_of_all += self._answers(name, names, table[rows], stamp_ns[rows], every[rows])
         if topics.PLANT_INPUTS in self._channels:
             rows_of_all += self._inputs(states, stamp_ns)
         return rows_of_all
 
     def _inputs(self, states: States, stamp_ns: Integers) -> Iterator[Rows]:
-        """Yield what acts in each state, as the simulator records it in real time."""
+        """Yield the inputs that act in each state, as the simulator records them in real time."""
         table, count, plan = states.table, len(stamp_ns), self._plan
         values: Floats = np.zeros((count, 5))
         age: Floats = np.full((count, 5), -1.0)

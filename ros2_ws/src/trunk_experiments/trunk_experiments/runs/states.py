@@ -39,7 +39,7 @@ class States(NamedTuple):
     acts: list[tuple[int, str]]  # which controller answers from a row on; empty: none
     turned: list[tuple[int, str, bool]]  # made active or inactive by the schedule, before the row
     falls: list[int]  # the trunk fell in these rows
-    told: Mapping[str, tuple[str, ...]]  # the names of each controller's terms
+    term_names: Mapping[str, tuple[str, ...]]  # the names of each controller's terms
 
     def answers(self) -> Iterator[tuple[str, slice]]:
         """Yield which controller answers in which rows; rows without one are left out."""

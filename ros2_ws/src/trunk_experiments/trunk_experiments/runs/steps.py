@@ -84,28 +84,28 @@ def in_stretches(steps: Iterable[Step], states: int, first: int = 0) -> Iterator
     Raises what ``steps`` raises; where that is DivergedError, what was done before it is yielded first.
     """
     rows: list[tuple[float, ...]] = []
-    found = _Irregular([], [], [], {})
+    irregular = _Irregular([], [], [], {})
     try:
         for step in steps:
             rows.append(_row(step))
-            found.take(len(rows) - 1, step)
+            irregular.take(len(rows) - 1, step)
             if len(rows) == states:
-                yield States(first, _table(rows), *found)
+                yield States(first, _table(rows), *irregular)
                 first += len(rows)
-                rows, found = [], _Irregular([], [], [], {})
+                rows, irregular = [], _Irregular([], [], [], {})
     except DivergedError:
         if rows:
-            yield States(first, _table(rows), *found)
+            yield States(first, _table(rows), *irregular)
         raise
     if rows:
-        yield States(first, _table(rows), *found)
+        yield States(first, _table(rows), *irregular)
 
 
 class _Irregular(NamedTuple):
     acts: list[tuple[int, str]]
     turned: list[tuple[int, str, bool]]
     falls: list[int]
-    told: dict[str, tuple[str, ...]]
+    term_names: dict[str, tuple[str, ...]]
 
     def take(self, row: int, step: Step) -> None:
         if not self.acts or self.acts[-1][1] != step.controller:
@@ -113,8 +113,8 @@ class _Irregular(NamedTuple):
         self.turned.extend((row, name, active) for name, active in step.turned)
         if step.falls:
             self.falls.append(row)
-        if step.answer is not None and step.controller not in self.told:
-            self.told[step.controller] = names_of_record(step.answer.terms)
+        if step.answer is not None and step.controller not in self.term_names:
+            self.term_names[step.controller] = names_of_record(step.answer.terms)
 
 
 def _table(rows: list[tuple[float, ...]]) -> Floats:
@@ -125,10 +125,10 @@ def _table(rows: list[tuple[float, ...]]) -> Floats:
 def _row(step: Step) -> tuple[float, ...]:
     truth, measured, answer = step.truth, step.measured, step.answer
     measured_torque = measured.effort[1]
-    told: tuple[float, ...] = (0.0, 0.0, 0.0, measured_torque, 0.0, 0.0)
+    answered: tuple[float, ...] = (0.0, 0.0, 0.0, measured_torque, 0.0, 0.0)
     if answer is not None:
         said = state_record(answer, measured.position[1]) if answer.updated else ()
-        told = (
+        answered = (
             answer.effort,
             float(answer.updated),
             answer.reference,
@@ -144,5 +144,5 @@ def _row(step: Step) -> tuple[float, ...]:
         *measured.velocity,
         truth.effort[1],
         *step.acting,
-        *told,
+        *answered,
     )

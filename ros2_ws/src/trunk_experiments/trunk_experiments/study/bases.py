@@ -107,7 +107,7 @@ def _base(study: StudySpec, contender: ContenderSpec, settings: list[str]) -> Ba
                 for text in (*study.settings, *contender.settings, *settings, *more)
             ],
             {name: value for name, value in everywhere.items() if value is not None},
-            others=[one.node for one in study.contenders],
+            others=[other.node for other in study.contenders],
         )
 
     try:

@@ -72,7 +72,7 @@ def compare_study(
         if metric not in METRICS:
             raise StudyError(f"no metric {metric!r}: one of {', '.join(METRICS)}")
     by_name = {name: _sorted(results.of(name)) for name in names}
-    found = []
+    differences = []
     for metric in (FELL, *metrics):
         for first, second in combinations(names, 2):
             a, b = by_name[first], by_name[second]
@@ -80,9 +80,9 @@ def compare_study(
                 raise StudyError(
                     f"{results.path}: {first!r} and {second!r} do not have the same draws: rows are missing"
                 )
-            found.append(_difference(metric, first, second, a[metric], b[metric]))
+            differences.append(_difference(metric, first, second, a[metric], b[metric]))
             done()
-    return found
+    return differences
 
 
 def _sorted(results: Results) -> dict[str, Floats]:

@@ -41,9 +41,9 @@ def design(study: StudySpec, first: int, last: int) -> dict[str, list[Any]]:
 @lru_cache(maxsize=1)
 def drawn_values(study: StudySpec) -> dict[str, list[Any]]:
     """Return each drawn variable's values by name, and the noise seeds under an empty name."""
-    found = {
+    values = {
         v.name: v.distribution.draw(study.runs, study.seed, v.name)
         for v in study.variables
         if v.distribution is not None
     }
-    return {**found, "": stream(study.seed, "").integers(2**31, size=study.runs).tolist()}
+    return {**values, "": stream(study.seed, "").integers(2**31, size=study.runs).tolist()}

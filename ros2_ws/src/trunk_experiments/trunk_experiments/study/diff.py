@@ -103,7 +103,7 @@ def _metadata(a: Results, b: Results) -> list[str]:
         for name in _TOLD
         if here.get(name.encode()) != there.get(name.encode())
     ]
-    sides = [_provenance(told.get(b"provenance", b"")) for told in (here, there)]
+    sides = [_provenance(metadata.get(b"provenance", b"")) for metadata in (here, there)]
     for key in sorted(sides[0].keys() | sides[1].keys()):
         x, y = (side.get(key, "(none)") for side in sides)
         if x != y:
@@ -113,7 +113,7 @@ def _metadata(a: Results, b: Results) -> list[str]:
 
 def _provenance(text: bytes) -> dict[str, object]:
     try:
-        found = json.loads(text or b"{}")
+        provenance = json.loads(text or b"{}")
     except ValueError:
         return {}
-    return found if isinstance(found, dict) else {}
+    return provenance if isinstance(provenance, dict) else {}

@@ -68,20 +68,22 @@ class Distribution:
         """Return the values at some fractions, 0 <= u < 1, of the distribution."""
         if self.kind == "integers":
             whole = np.floor(u * (self.high - self.low + 1.0)) + self.low
-            return [int(one) for one in whole]
+            return [int(number) for number in whole]
         if self.kind == "choice":
             return [self.values[int(i)] for i in u * len(self.values)]
         if self.kind == "uniform":
             drawn = self.low + (self.high - self.low) * u
         elif self.kind == "loguniform":
             low, high = log(self.low), log(self.high)
-            drawn = np.array([exp(low + (high - low) * one) for one in u.tolist()])
+            drawn = np.array([exp(low + (high - low) * fraction) for fraction in u.tolist()])
         else:
             below, above = (
                 probability_below((end - self.mean) / self.std) for end in (self.low, self.high)
             )
             p = below + (above - below) * np.maximum(u, _SMALLEST)
-            drawn = self.mean + self.std * np.array([quantile(one) for one in p.tolist()])
+            drawn = self.mean + self.std * np.array(
+                [quantile(probability) for probability in p.tolist()]
+            )
         values: list[Any] = np.clip(drawn, self.low, self.high).tolist()
         return values
 

@@ -65,54 +65,54 @@ class _Reader(TreeReader):
 
     def study(self, tree: object, text: str) -> StudySpec:
         known = ("scenario", "controllers", "params", "set", "rate", "duration")
-        found = self.mapping(tree, "the file", (*known, "runs", "seed", "block", "vary"))
+        entries = self.mapping(tree, "the file", (*known, "runs", "seed", "block", "vary"))
         for key in ("scenario", "controllers", "vary"):
-            if key not in found:
+            if key not in entries:
                 raise self.error(key, "missing: every study needs it")
-        contenders = self.contenders(found["controllers"])
+        contenders = self.contenders(entries["controllers"])
         study = StudySpec(
             source=self.source,
             text=text,
-            scenario=self.text(found["scenario"], "scenario"),
+            scenario=self.text(entries["scenario"], "scenario"),
             contenders=contenders,
             variables=tuple(
                 self.variable(str(name), entry, contenders)
-                for name, entry in self.mapping(found["vary"], "vary").items()
+                for name, entry in self.mapping(entries["vary"], "vary").items()
             ),
-            params=self.texts(found.get("params", []), "params"),
-            settings=self.settings(found.get("set", {}), "set"),
-            rate=self.optional(found, "rate", "Hz"),
-            duration=self.optional(found, "duration", "s"),
-            runs=self.integer(found.get("runs", 1), "runs", 1, 10_000_000),
-            seed=self.integer(found.get("seed", 1), "seed", 0, 2**31 - 1),
-            block=self.integer(found.get("block", StudySpec.block), "block", 1, 100_000),
+            params=self.texts(entries.get("params", []), "params"),
+            settings=self.settings(entries.get("set", {}), "set"),
+            rate=self.optional(entries, "rate", "Hz"),
+            duration=self.optional(entries, "duration", "s"),
+            runs=self.integer(entries.get("runs", 1), "runs", 1, 10_000_000),
+            seed=self.integer(entries.get("seed", 1), "seed", 0, 2**31 - 1),
+            block=self.integer(entries.get("block", StudySpec.block), "block", 1, 100_000),
         )
         if study.total > MAX_RUNS:
             raise self.error("vary", f"{study.total} runs in all: at most {MAX_RUNS} are allowed")
         return study
 
     def settings(self, value: object, place: str) -> tuple[str, ...]:
-        found = self.mapping(value, place)
+        entries = self.mapping(value, place)
         return tuple(
             f"{name}={yaml.safe_dump(v, default_flow_style=True).removesuffix('...' + chr(10)).strip()}"
-            for name, v in found.items()
+            for name, v in entries.items()
         )
 
     def contenders(self, value: object) -> tuple[ContenderSpec, ...]:
         entries = dict.fromkeys(value) if isinstance(value, list) else value
-        found = self.mapping(entries, "controllers")
-        if not found:
+        by_label = self.mapping(entries, "controllers")
+        if not by_label:
             raise self.error("controllers", f"is empty: name some of {', '.join(CONTROLLERS)}")
         contenders = []
-        for label, entry in found.items():
+        for label, entry in by_label.items():
             place = f"controllers.{label}"
-            told = self.mapping(entry or {}, place, ("node", "params", "set"))
+            options = self.mapping(entry or {}, place, ("node", "params", "set"))
             contenders.append(
                 ContenderSpec(
                     str(label),
-                    self.text(told.get("node", label), place, CONTROLLERS),
-                    self.texts(told.get("params", []), f"{place}.params"),
-                    self.settings(told.get("set", {}), f"{place}.set"),
+                    self.text(options.get("node", label), place, CONTROLLERS),
+                    self.texts(options.get("params", []), f"{place}.params"),
+                    self.settings(options.get("set", {}), f"{place}.set"),
                 )
             )
         return tuple(contenders)

@@ -64,11 +64,11 @@ def _resampled(values: Floats, statistic: Any) -> list[Estimate]:
     count = len(values)
     if count == 0:
         return [NOTHING, NOTHING]
-    found = statistic(values, 0)
+    points = statistic(values, 0)
     if count == 1:
-        return [Estimate(float(one), inf, -inf) for one in found]
+        return [Estimate(float(point), inf, -inf) for point in points]
     if np.ptp(values) == 0.0:  # nothing to resample
-        return [Estimate(float(one), float(one), float(one)) for one in found]
+        return [Estimate(float(point), float(point), float(point)) for point in points]
     interval = bootstrap(
         (values,),
         statistic,
@@ -79,5 +79,5 @@ def _resampled(values: Floats, statistic: Any) -> list[Estimate]:
         batch=max(1, _AT_ONCE // count),
         rng=np.random.default_rng(_SEED),
     ).confidence_interval
-    bounds = zip(found, interval.low, interval.high, strict=True)
-    return [Estimate(*map(float, one)) for one in bounds]
+    bounds = zip(points, interval.low, interval.high, strict=True)
+    return [Estimate(*map(float, numbers)) for numbers in bounds]

@@ -101,9 +101,9 @@ def _panel(
 
     def mean(values: Floats) -> Floats:
         sums, counts = np.zeros((len(y), len(x))), np.zeros((len(y), len(x)))
-        told = ~np.isnan(values)
-        np.add.at(sums, (j[told], i[told]), values[told])
-        np.add.at(counts, (j[told], i[told]), 1.0)
+        known = ~np.isnan(values)
+        np.add.at(sums, (j[known], i[known]), values[known])
+        np.add.at(counts, (j[known], i[known]), 1.0)
         with np.errstate(invalid="ignore"):
             return sums / counts
 
@@ -140,11 +140,11 @@ def _growth(results: Results, axes: tuple[str, str], progress: Progress) -> Mapp
 
 def _growths(plans: list[RunPlan], progress: Progress) -> list[float]:
     """Return each plan's growth, on all cores if there are many plans; NaN if undefined."""
-    found = [nan] * len(plans)
+    growths = [nan] * len(plans)
     for done, (k, growth) in enumerate(_numbered_growths(plans), start=1):
-        found[k] = growth
+        growths[k] = growth
         progress(done, len(plans))
-    return found
+    return growths
 
 
 def _numbered_growths(plans: list[RunPlan]) -> Iterator[tuple[int, float]]:
@@ -171,26 +171,26 @@ def _growth_of(numbered: tuple[int, RunPlan]) -> tuple[int, float]:
 
 
 def draw(
-    found: list[MapPanel],
+    maps: list[MapPanel],
     metric: str,
     axes: tuple[str, str],
     title: str,
     among: Sequence[MapPanel] = (),
 ) -> Figure:
     """Return the panels side by side, with one colour scale for all ``among``, by default for these."""
-    told = np.concatenate([panel.values[np.isfinite(panel.values)] for panel in among or found])
-    low, high = np.percentile(told, (2, 98)) if len(told) else (0.0, 1.0)
+    values = np.concatenate([panel.values[np.isfinite(panel.values)] for panel in among or maps])
+    low, high = np.percentile(values, (2, 98)) if len(values) else (0.0, 1.0)
     with rc_context({**STYLE, "axes.grid": False}):
-        figure = Figure(figsize=(1.2 + 4.2 * len(found), 4.6), layout="constrained")
-        plots = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
-        for plot, panel in zip(plots, found, strict=True):
+        figure = Figure(figsize=(1.2 + 4.2 * len(maps), 4.6), layout="constrained")
+        plots = figure.subplots(1, len(maps), sharey=True, squeeze=False)[0]
+        for plot, panel in zip(plots, maps, strict=True):
             mesh = _draw_panel(plot, panel, (float(low), float(max(high, low + 1e-12))))
             plot.set_title(panel.controller)
             plot.set_xlabel(axes[0])
         plots[0].set_ylabel(axes[1])
         figure.colorbar(mesh, ax=list(plots), label=metric, extend="both")
         figure.legend(
-            handles=_legend(found), loc="outside lower center", ncols=4 if len(found) > 1 else 2
+            handles=_legend(maps), loc="outside lower center", ncols=4 if len(maps) > 1 else 2
         )
         figure.suptitle(title)
     return figure
@@ -237,7 +237,7 @@ def _geometric(values: Floats) -> bool:
     return bool(np.ptp(ratios) < 0.01 * ratios[0]) and ratios[0] > 1.001
 
 
-def _legend(found: list[MapPanel]) -> list[Any]:
+def _legend(maps: list[MapPanel]) -> list[Any]:
     handles: list[Any] = [
         Patch(color=_FALLEN, label="fallen or diverged"),
         Line2D([], [], color=_BOUNDARY, label="simulated: half the runs fall"),
@@ -246,7 +246,7 @@ def _legend(found: list[MapPanel]) -> list[Any]:
             label=f"simulated: RMS {QUIET_DEG:g}° at the end",
         ),
     ]  # fmt: skip
-    if any(panel.growth is not None for panel in found):
+    if any(panel.growth is not None for panel in maps):
         handles.append(
             Line2D([], [], color=_FLOQUET, linestyle=(0, (6, 2)), label="Floquet: multiplier 1")
         )

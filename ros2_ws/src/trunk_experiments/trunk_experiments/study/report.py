@@ -107,7 +107,7 @@ def make_report(
     if metric not in METRICS:
         raise StudyError(f"no metric {metric!r}: one of {', '.join(METRICS)}")
     study = results.study
-    found = falls(results)
+    fall_counts = falls(results)
     spread = distributions(results)
     differences = compare_study(results) if len(results.controllers) > 1 else []
     axes = _axes(results)
@@ -115,17 +115,17 @@ def make_report(
         title=results.path.stem,
         scenario=study.scenario,
         runs=len(results.table),
-        falls=tuple(found),
-        doubts=tuple(_doubts(found)),
+        falls=tuple(fall_counts),
+        doubts=tuple(_doubts(fall_counts)),
         metrics=tuple(
-            _part(results, name, some, [d for d in differences if d.metric == name])
-            for name, some in spread.items()
+            _part(results, name, spreads, [d for d in differences if d.metric == name])
+            for name, spreads in spread.items()
         ),
         maps=tuple(_maps(results, metric, axes, floquet)) if axes else (),
         axes=axes,
         map_metric=metric,
         worst=tuple(
-            (one, _command(results.path, one.run)) for one in worst_runs(results, metric, WORST)
+            (case, _command(results.path, case.run)) for case in worst_runs(results, metric, WORST)
         ),
         worst_metric=metric,
         varied=tuple(v.name for v in study.variables),
@@ -158,18 +158,18 @@ def render(report: StudyReport) -> str:
     )
 
 
-def _doubts(found: list[Falls]) -> list[str]:
-    told = [
-        f"{one.controller} fell in {one.fell} of {one.runs} runs; 95 %: {one.bounds}"
-        for one in found
-        if one.fell
+def _doubts(fall_counts: list[Falls]) -> list[str]:
+    lines = [
+        f"{row.controller} fell in {row.fell} of {row.runs} runs; 95 %: {row.bounds}"
+        for row in fall_counts
+        if row.fell
     ]
-    told += [
-        f"{one.controller}: {one.refused} runs were refused and not run"
-        for one in found
-        if one.refused
+    lines += [
+        f"{row.controller}: {row.refused} runs were refused and not run"
+        for row in fall_counts
+        if row.refused
     ]
-    return told
+    return lines
 
 
 def _axes(results: Results) -> tuple[str, str] | None:
@@ -188,10 +188,10 @@ def _maps(
     axes: tuple[str, str],
     floquet: Callable[[int, int], None] | None,
 ) -> list[tuple[str, str]]:
-    found = panels(results, metric, axes, floquet is not None, floquet or (lambda done, of: None))
+    maps = panels(results, metric, axes, floquet is not None, floquet or (lambda done, of: None))
     pictures = []
-    for panel in found:
-        picture = draw([panel], metric, axes, "", among=found)
+    for panel in maps:
+        picture = draw([panel], metric, axes, "", among=maps)
         pictures.append((panel.controller, _data_url(picture)))
     return pictures
 
@@ -203,25 +203,25 @@ def _data_url(figure: Figure) -> str:
 def _part(
     results: Results,
     metric: str,
-    found: list[MetricDistribution],
+    spreads: list[MetricDistribution],
     differences: list[MeanDifference],
 ) -> MetricPart:
-    edges = bins_of(found)
-    counts = [[0] if edges is None else counts_in(one.values, edges) for one in found]
+    edges = bins_of(spreads)
+    counts = [[0] if edges is None else counts_in(spread.values, edges) for spread in spreads]
     histograms = []
-    for one, some in zip(found, counts, strict=True):
-        most = max(*some, 1)
-        width = 100.0 / len(some)
+    for spread, bin_counts in zip(spreads, counts, strict=True):
+        most = max(*bin_counts, 1)
+        width = 100.0 / len(bin_counts)
         bars = tuple(
             Bar(i * width, 100.0 - 100.0 * count / most, width, 100.0 * count / most)
-            for i, count in enumerate(some)
+            for i, count in enumerate(bin_counts)
             if count
         )
         median = None
-        if edges is not None and not np.isnan(one.median.value):
+        if edges is not None and not np.isnan(spread.median.value):
             span = float(edges[-1] - edges[0])
-            median = min(100.0, 100.0 * (one.median.value - float(edges[0])) / span)
-        histograms.append(Histogram(one, bars, median))
+            median = min(100.0, 100.0 * (spread.median.value - float(edges[0])) / span)
+        histograms.append(Histogram(spread, bars, median))
     quantity = QUANTITIES[metric]
     low, high = ("", "") if edges is None else (number_text(float(edges[i])) for i in (0, -1))
     return MetricPart(

@@ -70,15 +70,17 @@ def study_run(results: Results, run: int) -> StudyRun:
     made = {name: values[0] for name, values in design(study, run, run + 1).items()}
     differing = [name for name, value in made.items() if row.get(name) != value]
     if differing:
-        told = ", ".join(f"{name} {row.get(name)!r}, not {made[name]!r}" for name in differing)
+        deviations = ", ".join(
+            f"{name} {row.get(name)!r}, not {made[name]!r}" for name in differing
+        )
         raise StudyError(
-            f"{results.path}: run {run}: the study in the file does not give its {told}: sweep it again"
+            f"{results.path}: run {run}: the study in the file does not give its {deviations}: sweep it again"
         )
     return StudyRun(results, row, plan_of(study, results.bases(), made))
 
 
 def record_again(
-    one: StudyRun, path: Path, overwrite: bool = False, progress: Progress = lambda done, of: None
+    run: StudyRun, path: Path, overwrite: bool = False, progress: Progress = lambda done, of: None
 ) -> DivergedError | None:
     """Record the run offline; return why it diverged, as it did in the sweep, or None.
 
@@ -87,14 +89,16 @@ def record_again(
     with atomic_write(path, overwrite=overwrite) as part:
         diverged = None
         try:
-            record_offline(one.plan, part, overwrite=True, progress=progress)
+            record_offline(run.plan, part, overwrite=True, progress=progress)
         except DivergedError as error:
             diverged = error
-        found = _outcome(part, diverged)
-        differing = [name for name, value in found.items() if one.row[name] != value]
+        outcome = _outcome(part, diverged)
+        differing = [name for name, value in outcome.items() if run.row[name] != value]
         if differing:
-            told = ", ".join(f"{name} {found[name]!r}, not {one.row[name]!r}" for name in differing)
-            raise StudyError(f"{one.place}: run again it gives {told}: {_why(one.results)}")
+            deviations = ", ".join(
+                f"{name} {outcome[name]!r}, not {run.row[name]!r}" for name in differing
+            )
+            raise StudyError(f"{run.place}: run again it gives {deviations}: {_why(run.results)}")
     return diverged
 
 
@@ -111,7 +115,7 @@ def _outcome(path: Path, diverged: DivergedError | None) -> dict[str, Any]:
 
 
 def _why(results: Results) -> str:
-    """Return what may have made the bits differ, and what to do."""
+    """Return the likely reason why the bits differ, and what to do."""
     from .sweep import sources
 
     swept = (results.table.schema.metadata or {}).get(b"sources", b"").decode()

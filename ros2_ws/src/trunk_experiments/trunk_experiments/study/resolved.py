@@ -34,21 +34,21 @@ def bases_from(study: StudySpec, text: str, source: str) -> Bases:
     """Return the input of `plans_json`. Raises StudyError naming the source."""
     bases: Bases = {}
     try:
-        for told in json.loads(text):
-            values = told["parameters"]
+        for entry in json.loads(text):
+            values = entry["parameters"]
             simulator, disturbance, controller = (
                 build(NODES[node].config, values[node])
-                for node in ("simulator", "disturbance", told["node"])
+                for node in ("simulator", "disturbance", entry["node"])
             )
             plan = RunPlan(
-                scenario=told["scenario"],
+                scenario=entry["scenario"],
                 simulator=simulator,
-                controllers={told["node"]: controller},
+                controllers={entry["node"]: controller},
                 disturbance=disturbance if disturbance.active else None,
                 recorder=RecorderConfig(),
             )
-            varied = tuple(told["varied"][v.name] for v in structural(study))
-            bases[told["controller"], varied] = Base(plan, disturbance)
+            varied = tuple(entry["varied"][v.name] for v in structural(study))
+            bases[entry["controller"], varied] = Base(plan, disturbance)
         if set(bases) != set(keys(study)):
             raise KeyError("plans")
     except (ValueError, TypeError, KeyError, AttributeError) as error:
@@ -61,7 +61,7 @@ def bases_from(study: StudySpec, text: str, source: str) -> Bases:
 
 def identity(study: StudySpec, bases: Bases) -> dict[str, Any]:
     """Return, as JSON values, what determines a sweep's results: no file names, no comments."""
-    told = {
+    content = {
         "variables": [_plain(v) for v in study.variables],
         "controllers": [[c.label, c.node] for c in study.contenders],
         "runs": study.runs,
@@ -70,13 +70,13 @@ def identity(study: StudySpec, bases: Bases) -> dict[str, Any]:
         "block": study.block,
         "plans": [_as_values(study, key, base) for key, base in bases.items()],
     }
-    found: dict[str, Any] = json.loads(json.dumps(told))
-    return found
+    document: dict[str, Any] = json.loads(json.dumps(content))
+    return document
 
 
-def digest(what: Mapping[str, Any]) -> str:
+def digest(content: Mapping[str, Any]) -> str:
     """Return a hash of an identity."""
-    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:

@@ -47,24 +47,24 @@ class Results:
             table = pq.read_table(path)
         except (pa.ArrowInvalid, pa.ArrowTypeError, OSError) as error:
             number = getattr(error, "errno", None)
-            what = f"cannot be read: {os.strerror(number)}" if number else "not a Parquet file"
-            raise StudyError(f"{path}: {what}: give the results of a trunk sweep") from None
-        told = table.schema.metadata or {}
-        grid = _names(told.get(b"grid"))
+            fault = f"cannot be read: {os.strerror(number)}" if number else "not a Parquet file"
+            raise StudyError(f"{path}: {fault}: give the results of a trunk sweep") from None
+        metadata = table.schema.metadata or {}
+        grid = _names(metadata.get(b"grid"))
         if (
-            b"study" not in told
+            b"study" not in metadata
             or grid is None
             or not {"controller", "status"} <= set(table.column_names)
         ):
             raise StudyError(f"{path}: not written by trunk sweep: no study in it")
         if not len(table):
             raise StudyError(f"{path}: there are no runs in it")
-        plans = told.get(b"plans")
+        plans = metadata.get(b"plans")
         return cls(
             path,
             table,
             grid,
-            told[b"study"].decode(),
+            metadata[b"study"].decode(),
             None if plans is None else plans.decode(),
         )
 

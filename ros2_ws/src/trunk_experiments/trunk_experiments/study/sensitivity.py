@@ -112,9 +112,9 @@ def sensitivities(
     _check_all_ran(study, table)
     results = Results(Path(study.source), table, (), study.text)
     return [
-        one
+        sensitivity
         for contender in study.contenders
-        for one in _of_one(study, results.of(contender.label), n, (FELL, *metrics))
+        for sensitivity in _of_one(study, results.of(contender.label), n, (FELL, *metrics))
     ]
 
 
@@ -146,17 +146,17 @@ def _rows(study: StudySpec, n: int) -> list[dict[str, Any]]:
 
 def _values(study: StudySpec, points: Floats) -> dict[str, list[Any]]:
     """Return each drawn entry's values at some fractions [runs, entries] of its distribution."""
-    found = {}
+    values = {}
     for v, u in zip(_drawn(study), points.T, strict=True):
         assert v.distribution is not None
-        found[v.name] = v.distribution.at(u)
-    return found
+        values[v.name] = v.distribution.at(u)
+    return values
 
 
 def _blocks(study: StudySpec, bases: Bases, rows: list[dict[str, Any]]) -> Iterator[RunBlock]:
     for index, first in enumerate(range(0, len(rows), study.block)):
-        some = rows[first : first + study.block]
-        columns = {name: [row[name] for row in some] for name in some[0]}
+        block_rows = rows[first : first + study.block]
+        columns = {name: [row[name] for row in block_rows] for name in block_rows[0]}
         yield RunBlock(index, study, bases, columns, "")
 
 
@@ -184,8 +184,10 @@ def _of_one(
     parts = np.array(columns).reshape(len(metrics), -1, n)
     estimates = _estimates(parts)
     for k, metric in enumerate(metrics):
-        indices = [Index(v.name, *one) for v, one in zip(_drawn(study), estimates[k], strict=True)]
-        indices.sort(key=lambda one: -one.total.value)
+        indices = [
+            Index(v.name, *pair) for v, pair in zip(_drawn(study), estimates[k], strict=True)
+        ]
+        indices.sort(key=lambda index: -index.total.value)
         yield Sensitivity(
             results.controllers[0],
             metric,
@@ -202,10 +204,14 @@ def _estimates(parts: Floats) -> list[list[tuple[Estimate, Estimate]]]:
     entries = matrices - 2
 
     def indices(which: Any) -> Floats:
-        some = parts[:, :, which]
-        outputs = {"f_A": some[:, 0], "f_B": some[:, 1], "f_AB": some[:, 2:].transpose(1, 0, 2)}
-        found = sobol_indices(func=outputs, n=n)
-        both = np.array([found.first_order, found.total_order])
+        chosen = parts[:, :, which]
+        outputs = {
+            "f_A": chosen[:, 0],
+            "f_B": chosen[:, 1],
+            "f_AB": chosen[:, 2:].transpose(1, 0, 2),
+        }
+        sobol = sobol_indices(func=outputs, n=n)
+        both = np.array([sobol.first_order, sobol.total_order])
         return both.reshape(2, metrics, entries)
 
     value = indices(np.arange(n))

@@ -63,8 +63,8 @@ class MetricDistribution:
 
 def percent(share: float) -> str:
     """Return a share with two significant digits: ``3.7 %``."""
-    told = 100.0 * share
-    return f"{told:.2g} %" if 0.0 <= told < 99.5 else f"{told:.3g} %"
+    percentage = 100.0 * share
+    return f"{percentage:.2g} %" if 0.0 <= percentage < 99.5 else f"{percentage:.3g} %"
 
 
 def number_text(value: float) -> str:
@@ -72,23 +72,23 @@ def number_text(value: float) -> str:
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
 
 
-def estimate_text(one: Estimate) -> str:
+def estimate_text(estimate: Estimate) -> str:
     """Return a number and its interval: ``1.23 [1.2…1.26]``; empty where there is no number."""
-    if isnan(one.value):
+    if isnan(estimate.value):
         return ""
-    bounds = f" [{number_text(one.low)}…{number_text(one.high)}]" if one.told else ""
-    return number_text(one.value) + bounds
+    bounds = f" [{number_text(estimate.low)}…{number_text(estimate.high)}]" if estimate.told else ""
+    return number_text(estimate.value) + bounds
 
 
 def falls(results: Results) -> list[Falls]:
     """Return how often each controller fell, in the study's order."""
-    found = []
+    counts = []
     for name in results.controllers:
         fallen = results.of(name).fallen
         runs = int(np.count_nonzero(~np.isnan(fallen)))
         fell = int(np.count_nonzero(fallen == 1.0))
-        found.append(Falls(name, fell, runs, len(fallen) - runs, wilson(fell, runs)))
-    return found
+        counts.append(Falls(name, fell, runs, len(fallen) - runs, wilson(fell, runs)))
+    return counts
 
 
 def distributions(
@@ -99,11 +99,11 @@ def distributions(
     ``done`` is called after each of them.
     """
     stood = {name: _standing(results.of(name)) for name in results.controllers}
-    found: dict[str, list[MetricDistribution]] = {metric: [] for metric in metrics}
+    by_metric: dict[str, list[MetricDistribution]] = {metric: [] for metric in metrics}
     for metric, name in product(metrics, stood):
-        found[metric].append(_distribution(metric, stood[name], name))
+        by_metric[metric].append(_distribution(metric, stood[name], name))
         done()
-    return found
+    return by_metric
 
 
 def _standing(results: Results) -> Results:
@@ -117,12 +117,12 @@ def _distribution(metric: str, results: Results, controller: str) -> MetricDistr
     return MetricDistribution(metric, controller, len(results.table), values, mean, median)
 
 
-def bins_of(found: list[MetricDistribution]) -> Floats | None:
+def bins_of(spreads: list[MetricDistribution]) -> Floats | None:
     """Return the edges of bins for all controllers' values of a metric; None if there are none.
 
     They span all values but the highest hundredth, which are in the last bin.
     """
-    values = np.concatenate([one.values for one in found])
+    values = np.concatenate([spread.values for spread in spreads])
     if not len(values):
         return None
     low, high = float(values.min()), float(np.percentile(values, _MOST))
@@ -136,4 +136,4 @@ def bins_of(found: list[MetricDistribution]) -> Floats | None:
 def counts_in(values: Floats, edges: Floats) -> list[int]:
     """Return how many values are in each bin, those beyond the last edge in the last one."""
     counts, _ = np.histogram(np.minimum(values, edges[-1]), edges)
-    return [int(one) for one in counts]
+    return [int(count) for count in counts]

@@ -83,13 +83,13 @@ def run_block(block: RunBlock) -> pa.Table:
             plans[i] = plan_of(block.study, block.bases, dict(zip(columns, values, strict=True)))
         except (ParameterError, PlanError) as error:
             results[i] = {"status": "refused", "reason": str(error)}
-    for i, found in zip(plans, summaries(plans.values(), _batch()), strict=True):
-        if found.refused:
-            results[i] = {"status": "refused", "reason": found.refused}
-        elif found.metrics is None:
-            results[i] = {"status": "diverged", "diverged_at_s": found.diverged_at}
+    for i, summary in zip(plans, summaries(plans.values(), _batch()), strict=True):
+        if summary.refused:
+            results[i] = {"status": "refused", "reason": summary.refused}
+        elif summary.metrics is None:
+            results[i] = {"status": "diverged", "diverged_at_s": summary.diverged_at}
         else:
-            results[i] = {"status": "ok", **found.metrics.as_dict()}
+            results[i] = {"status": "ok", **summary.metrics.as_dict()}
     arrays = {name: pa.array(values, _type(name, values)) for name, values in columns.items()}
     for name in ("status", "reason"):
         arrays[name] = pa.array([result.get(name) for result in results], pa.string())
@@ -155,8 +155,8 @@ class SweepJob:
         if not self._mark.exists():
             return "are of an unknown study" if any(self.folder.glob("*.parquet")) else ""
         try:
-            told = json.loads(self._mark.read_text(encoding="utf-8"))
-            program, study = told[_PROGRAM], told["study"]
+            mark = json.loads(self._mark.read_text(encoding="utf-8"))
+            program, study = mark[_PROGRAM], mark["study"]
             reason = difference(study, self._identity)
         except (ValueError, TypeError, KeyError, AttributeError):
             return "are of an unknown study"
@@ -165,8 +165,8 @@ class SweepJob:
     @property
     def warnings(self) -> list[str]:
         """The warnings of the study's plans, each once."""
-        told = {text: None for base in self.bases.values() for text in base.plan.warnings}
-        return list(told)
+        texts = {text: None for base in self.bases.values() for text in base.plan.warnings}
+        return list(texts)
 
     def waiting(self) -> Iterator[RunBlock]:
         """Yield the missing blocks, each created on demand."""
@@ -193,15 +193,15 @@ class SweepJob:
 
     def finish(self) -> None:
         """Merge the blocks into the output and delete them. Raises SweepError for a broken block."""
-        found = gather(scenario=self.study.scenario)
+        provenance = gather(scenario=self.study.scenario)
         # The same study gives the same file, on every machine.
-        told = {name: text for name, text in found.items() if name not in OF_MACHINE}
+        portable = {name: text for name, text in provenance.items() if name not in OF_MACHINE}
         metadata = {
             "study": self.study.text,
             "study_content": self._key[_CONTENT],
             "plans": plans_json(self.study, self.bases),
             "sources": self._key[_PROGRAM],
-            "provenance": json.dumps(told),
+            "provenance": json.dumps(portable),
             "grid": json.dumps([v.name for v in self.study.grid]),
             "variables": json.dumps([v.name for v in self.study.variables]),
         }
@@ -231,8 +231,8 @@ class SweepJob:
         return table
 
     def _ours(self, schema: pa.Schema) -> bool:
-        told = schema.metadata or {}
-        return all(told.get(k.encode()) == v.encode() for k, v in self._key.items())
+        metadata = schema.metadata or {}
+        return all(metadata.get(k.encode()) == v.encode() for k, v in self._key.items())
 
     def _rows(self, index: int) -> range:
         first = index * self.study.block

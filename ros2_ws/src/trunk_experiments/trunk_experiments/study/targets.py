@@ -79,11 +79,11 @@ def field_of(config: Any, name: str) -> str:
 def new_value(config: Any, target: Target, old: Any, how: str, value: Any) -> Value:
     """Return a parameter's new value. Raises ParameterError if it is not allowed."""
     declaration = _fields(type(config))[target.name][1]
-    one = old if target.index is None else old[target.index]
+    current = old if target.index is None else old[target.index]
     if how == "factor":
-        value = one * value
+        value = current * value
     elif how == "offset":
-        value = one + value
+        value = current + value
     if target.index is not None:
         value = (*old[: target.index], value, *old[target.index + 1 :])
     return check(declaration, value)

@@ -66,22 +66,22 @@ class TreeReader:
             )
         return value
 
-    def optional(self, found: Mapping[str, Any], key: str, unit: str) -> float | None:
-        if key not in found:
+    def optional(self, entries: Mapping[str, Any], key: str, unit: str) -> float | None:
+        if key not in entries:
             return None
-        value = self.number(found[key], key, ((unit,),))
+        value = self.number(entries[key], key, ((unit,),))
         if value <= 0.0:
             raise self.error(key, f"is {value:g}: a number > 0 is needed")
         return value
 
     def scalars(self, values: list[object], place: str, units: Units = ()) -> tuple[Scalar, ...]:
-        found = tuple(self.scalar(value, place, units) for value in values)
-        kinds = {type(value) if isinstance(value, bool | str) else float for value in found}
+        scalars = tuple(self.scalar(value, place, units) for value in values)
+        kinds = {type(value) if isinstance(value, bool | str) else float for value in scalars}
         if len(kinds) > 1:
             raise self.error(
                 place, f"is {shown(values)}: all numbers, all strings or all bools are needed"
             )
-        return found
+        return scalars
 
     def scalar(self, value: object, place: str, units: Units) -> Scalar:
         if isinstance(value, bool | int):

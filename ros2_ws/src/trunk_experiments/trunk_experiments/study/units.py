@@ -25,7 +25,7 @@ def units_for(targets: Sequence[Target], how: str, contenders: Sequence[Contende
 
     A factor has no unit. Which unit counts where another parameter chooses it, `check_units` says.
     """
-    found: dict[tuple[str, ...], None] = {}
+    units: dict[tuple[str, ...], None] = {}
     for target in targets:
         for node in {node_of(target, contender): None for contender in contenders}:
             declared = declarations(NODES[node].config).get(target.name)
@@ -34,8 +34,8 @@ def units_for(targets: Sequence[Target], how: str, contenders: Sequence[Contende
             if not declared.kind.startswith("double"):
                 return ()
             elements = units_of(declared)
-            found[elements[min(target.index or 0, len(elements) - 1)]] = None
-    return (("",),) if how == "factor" else tuple(found)
+            units[elements[min(target.index or 0, len(elements) - 1)]] = None
+    return (("",),) if how == "factor" else tuple(units)
 
 
 def written_in(entry: Mapping[str, object]) -> tuple[str, ...]:

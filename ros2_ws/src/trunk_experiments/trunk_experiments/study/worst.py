@@ -44,7 +44,7 @@ def worst_runs(results: Results, metric: str, count: int = 10) -> list[Worst]:
     rows.sort(key=lambda i: (*badness(i), i))
     names = [v.name for v in results.study.variables]
     chosen = results.table.take(rows[:count]).to_pylist()
-    found = []
+    cases = []
     for i, row in zip(rows, chosen, strict=False):
         ended = "stood"
         if not np.isnan(until[i]):
@@ -52,8 +52,8 @@ def worst_runs(results: Results, metric: str, count: int = 10) -> list[Worst]:
         elif fallen[i] == 1.0:
             ended = f"fell, up to {swing[i]:.0f}°"
         value = None if np.isnan(values[i]) else float(values[i])
-        told = {name: row[name] for name in names}
-        found.append(
-            Worst(row["run"], row["controller"], ended, bool(fallen[i] == 1.0), value, told)
+        varied = {name: row[name] for name in names}
+        cases.append(
+            Worst(row["run"], row["controller"], ended, bool(fallen[i] == 1.0), value, varied)
         )
-    return found
+    return cases

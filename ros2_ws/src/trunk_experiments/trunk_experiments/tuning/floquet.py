@@ -203,7 +203,7 @@ def floquet(plan: RunPlan) -> Floquet:
     identity = np.eye(size)
     now = np.ascontiguousarray(identity[:_OUTPUTS])
     past = np.ascontiguousarray(identity[_OUTPUTS:].reshape(delay, 2, size))
-    constants = tuple(with_arrays(one) for one in config.constants)
+    constants = tuple(with_arrays(part) for part in config.constants)
     worthwhile = steps >= WORTH_COMPILING
     slot = (_compiled if worthwhile else _plain)(plan.controller_name)(
         speed, steps, every, loop, constants, now, past, workspace_of(size)

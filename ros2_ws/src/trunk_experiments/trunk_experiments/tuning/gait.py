@@ -59,9 +59,9 @@ def read_points(path: Path) -> tuple[Floats, Floats]:
     try:
         with path.open(encoding="utf-8-sig") as file:
             for number, line in enumerate(iter(lambda: file.readline(_LONGEST), ""), 1):
-                found = _point(line)
-                if found is not None:
-                    points.append(found)
+                point = _point(line)
+                if point is not None:
+                    points.append(point)
                 elif number == 1 and not _STARTS_A_NUMBER.match(line):
                     scales = _units(line, path)
                 elif line.strip():
@@ -95,7 +95,7 @@ def _units(header: str, path: Path) -> tuple[float, float]:
 
 def _point(line: str) -> tuple[float, float] | None:
     try:
-        x, y = (float(one) for one in line.split(","))
+        x, y = (float(number) for number in line.split(","))
     except ValueError:
         return None
     return (x, y) if isfinite(x) and isfinite(y) else None
@@ -130,16 +130,19 @@ def fit_path(x: Floats, y: Floats, harmonics: int, period: float | None = None) 
         ) from None
     waves = np.outer(x * k, np.arange(1, harmonics + 1))
     columns = np.hstack([np.ones((len(x), 1)), np.cos(waves), np.sin(waves)])
-    found, _, rank, _ = np.linalg.lstsq(columns, y, rcond=_LEAST)
+    coefficients, _, rank, _ = np.linalg.lstsq(columns, y, rcond=_LEAST)
     if rank < columns.shape[1]:
         raise PlanError(
             f"the points determine {rank} of the {columns.shape[1]} coefficients of {harmonics} harmonics: "
             "give points over the whole period, or fewer --harmonics"
         )
-    cosines, sines = found[1 : harmonics + 1].tolist(), found[harmonics + 1 :].tolist()
+    cosines, sines = (
+        coefficients[1 : harmonics + 1].tolist(),
+        coefficients[harmonics + 1 :].tolist(),
+    )
     fit = PathFit(k, tuple(cosines), tuple(sines), 0.0, 0.0)
     path = build(SimulatorConfig, fit.parameters["simulator"]).body
     build(ComputedTorqueConfig, fit.parameters["computed_torque"])
-    heights = [path_height(one, 0.0, k, path.harmonics) for one in x.tolist()]
-    residual = np.abs(y - found[0] - np.array(heights))
+    heights = [path_height(position, 0.0, k, path.harmonics) for position in x.tolist()]
+    residual = np.abs(y - coefficients[0] - np.array(heights))
     return fit._replace(rms=float(np.sqrt(np.mean(residual**2))), largest=float(residual.max()))

@@ -109,16 +109,16 @@ def fuzzy_space(config: Any) -> Space:
         bounds += [(0.0, len(labels) - 1.0)] * _CELLS
 
     def values(x: Floats) -> dict[str, Value]:
-        found: dict[str, Value] = {
+        parameters: dict[str, Value] = {
             name: float(10.0**v) for name, v in zip(names, x[: len(names)], strict=True)
         }
         for low, high in (("gains.p_min", "gains.p_max"), ("gains.d_min", "gains.d_max")):
-            pair: list[Any] = sorted([found[low], found[high]])
-            found[low], found[high] = pair
+            pair: list[Any] = sorted([parameters[low], parameters[high]])
+            parameters[low], parameters[high] = pair
         cells = x[len(names) :].round().astype(int).reshape(3, _HALF, _HALF)
         for (name, labels), quarter in zip(tables.items(), cells.tolist(), strict=True):
-            found[name] = _mirrored([[labels[c] for c in row] for row in quarter])
-        return found
+            parameters[name] = _mirrored([[labels[c] for c in row] for row in quarter])
+        return parameters
 
     return Space(bounds, [False] * len(names) + [True] * 3 * _CELLS, start, values)
 
@@ -157,8 +157,8 @@ def search(
         total = 0.0
         for plan in plans:
             runs += 1
-            found = batch.run(plan.with_controller(tried)).metrics()
-            value = None if found is None else getattr(found, metric)
+            outcome = batch.run(plan.with_controller(tried)).metrics()
+            value = None if outcome is None else getattr(outcome, metric)
             total += FAILED if value is None else abs(float(value))
         return total / len(plans)
 
@@ -171,7 +171,7 @@ def search(
 
     start = np.array(space.start)
     start_cost = cost(start)
-    found = differential_evolution(
+    optimum = differential_evolution(
         cost,
         space.bounds,
         maxiter=generations,
@@ -183,5 +183,5 @@ def search(
         tol=0.0,
         callback=heard,
     )
-    best = start if start_cost <= found.fun else found.x
-    return Found(space.values(best), min(start_cost, float(found.fun)), start_cost, runs)
+    best = start if start_cost <= optimum.fun else optimum.x
+    return Found(space.values(best), min(start_cost, float(optimum.fun)), start_cost, runs)
