@@ -236,11 +236,11 @@ def _study(
 
         curves = survival(study, Target(node, parameter), values, progress)
     if output is not None:
-        from ..study.survival_plot import draw
+        from ..study.map import draw_survival
         from ..views.plot_style import save
 
         title = f"{name}: {next(iter(curves.values())).runs} runs at each value, 95 % intervals"
-        save(draw(curves, f"{vary}, {unit}", title), output)
+        save(draw_survival(curves, f"{vary}, {unit}", title), output)
     if as_json:
         write_json(
             "limit-1",

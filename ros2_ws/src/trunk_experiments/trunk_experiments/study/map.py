@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from math import nan
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -24,11 +24,14 @@ from ..batch.workers import as_completed_bounded, worker_pool
 from ..errors import PlanError, StudyError, SweepError
 from ..plans.plan import RunPlan
 from ..tuning.floquet import floquet
-from ..views.plot_style import COLORS, STYLE
+from ..views.plot_style import COLORS, STYLE, line_style
 from .bases import plan_of
 from .design import design
 from .results import METRICS, Results
 from .study import Scalar, StudySpec, Variable
+
+if TYPE_CHECKING:
+    from .limit import Survival
 
 Progress = Callable[[int, int], None]  # takes the amount done and the total
 _MANY = 200  # points: fewer are faster without processes
@@ -251,3 +254,22 @@ def _legend(maps: list[MapPanel]) -> list[Any]:
             Line2D([], [], color=_FLOQUET, linestyle=(0, (6, 2)), label="Floquet: multiplier 1")
         )
     return handles
+
+
+def draw_survival(curves: Mapping[str, Survival], axis: str, title: str) -> Figure:
+    """Return a figure with one curve and its 95 % band for each controller."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(7.5, 4.5), layout="constrained")
+        plot = figure.subplots()
+        for k, (controller, curve) in enumerate(curves.items()):
+            style = line_style(k)
+            shares = [100.0 * estimate.value for estimate in curve.shares]
+            low = [100.0 * estimate.low for estimate in curve.shares]
+            high = [100.0 * estimate.high for estimate in curve.shares]
+            plot.plot(curve.values, shares, label=controller, **style)
+            plot.fill_between(
+                curve.values, low, high, color=style["color"], alpha=0.18, linewidth=0
+            )
+        plot.set(xlabel=axis, ylabel="runs that stand, %", ylim=(-2.0, 102.0), title=title)
+        plot.legend()
+    return figure
