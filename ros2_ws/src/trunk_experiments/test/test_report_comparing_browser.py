@@ -199,6 +199,20 @@ def test_paper_has_whole_plots_in_its_own_width_and_colours(opened, file):
     assert page.evaluate("() => charts[0].target._fullLayout.font.color") == "#e9ecef"
 
 
+def test_everything_is_drawn_once_the_page_has_loaded(browser, file):
+    context = browser.new_context()
+    page = context.new_page()
+    page.add_init_script(
+        """addEventListener("load", () => {
+            window.atLoad = [document.documentElement.dataset.ready, charts.every((chart) => chart.drawn)];
+        })"""
+    )
+    page.goto(file.as_uri())
+    assert page.wait_for_function("() => window.atLoad").json_value() == ["true", True]
+    assert page.locator("iframe").count() == 0
+    context.close()
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_eight_runs_are_told_apart_by_eye_and_by_keys(opened, views, tmp_path, scheme):
     if not (path := tmp_path.parent / "eight.html").exists():

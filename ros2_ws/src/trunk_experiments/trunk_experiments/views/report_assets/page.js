@@ -1,5 +1,6 @@
 "use strict";
 // Controls, keys, themes, printing; then everything is drawn.
+const letLoad = paper.holdLoading();
 (async () => {
   await unpackReport();
   const play = document.getElementById("play");
@@ -78,4 +79,4 @@
   if (report.bits) document.querySelector(".rounded").hidden = false;
   await drawCharts();
   document.documentElement.dataset.ready = "true";
-})();
+})().finally(letLoad);

@@ -16,5 +16,18 @@ const paper = (() => {
     addEventListener("afterprint", () => lay(false));
     matchMedia("print").addEventListener("change", ({ matches }) => lay(matches));
   };
-  return { start };
+  // Programs print a page as soon as it has loaded. A document that is being written delays that: here, that of
+  // a frame without a place, until the function returned is called.
+  const holdLoading = () => {
+    const frame = document.createElement("iframe");
+    frame.hidden = true;
+    document.body.append(frame);
+    const page = frame.contentDocument;
+    page.open();
+    return () => {
+      page.close();
+      frame.remove();
+    };
+  };
+  return { start, holdLoading };
 })();
