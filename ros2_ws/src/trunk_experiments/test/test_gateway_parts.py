@@ -262,6 +262,19 @@ def test_a_graph_is_known_by_what_its_nodes_say():
     assert not said["run", ""]["paused"]
 
 
+def test_of_many_events_the_latest_are_kept_and_the_others_counted():
+    board = Board()
+    graph = Graph(board, kept=3)
+    for number in range(5):
+        graph.event("pid", number, f"event {number}", {})
+    graph.event("pid", 6, "retuned", {})
+    graph.event("pid", 7, "retuned", {})  # a dragged slider: one event
+    graph.put_events()
+    said = pieces(board)["events", ""]
+    assert [one["event"] for one in said["events"]] == ["event 3", "event 4", "retuned"]
+    assert said["before"] == 3
+
+
 def test_a_renamed_node_is_known_by_its_kind():
     graph = Graph(Board())
     graph.parameters("left", values_of(PidConfig()))
