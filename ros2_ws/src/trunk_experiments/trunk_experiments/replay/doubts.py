@@ -55,6 +55,7 @@ class Doubts:
     refused: tuple[
         str, ...
     ] = ()  # messages that were not used, or not as they were meant: a line each
+    external: bool = False  # somebody else's node gave the commands
 
     def __bool__(self) -> bool:
         fell = self.fell_at_s is not None or self.leans_deg is not None
@@ -90,8 +91,13 @@ class Doubts:
             moved = ""
             if self.moved_deg is not None:
                 moved = f"; in lock-step the angle differs by up to {self.moved_deg:.3g} degrees"
+            slow = (
+                "the machine or your node was too slow"
+                if self.external
+                else "the machine was too busy"
+            )
             lines.append(
-                f"LATE: the machine was too busy, {self.late} of {self.steps} steps late{moved}: "
+                f"LATE: {slow}, {self.late} of {self.steps} steps late{moved}: "
                 "--lockstep gives the exact run"
             )
         return lines
@@ -144,6 +150,7 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
         moved,
         *(_leans(run) if whole and fall is None else (None, None)),
         tuple(refused(run, whole)),
+        bool(run.external),
     )
 
 
