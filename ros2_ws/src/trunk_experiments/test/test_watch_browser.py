@@ -86,6 +86,8 @@ def test_a_recording_is_played_sought_and_looped(watched, swapped):
     page.click("#play")
     stopped = page.evaluate("() => view.time")
     assert page.locator("#pause").is_hidden()
+    assert page.locator("#gains .knob:visible").count() > 0
+    assert page.evaluate("() => document.documentElement.scrollHeight <= innerHeight")
     assert page.locator(".knob :is(input, select):enabled, .knob button:visible").count() == 0
     page.locator("#seek").fill("2.5")
     row = int(np.searchsorted(truth.stamp_ns, 2_500_000_000, side="right")) - 1

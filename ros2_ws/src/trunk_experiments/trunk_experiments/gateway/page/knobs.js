@@ -202,9 +202,11 @@ const knobs = (() => {
     filter();
     showGains();
   };
-  // Of the controller that acts: its gains, or where it calls none so, all numbers of its law.
+  let shownOf; // the controller whose gains are shown
+  const firstController = () => [...known.nodes.values()].filter((node) => node.controller).map((node) => node.name).sort()[0];
+  // Of the controller that acts, or acted last: its gains, or where it calls none so, all numbers of its law.
   const showGains = () => {
-    const node = known.run.acting[0];
+    const node = known.run.acting[0] ?? shownOf ?? (known.recorded && firstController());
     const parameters = known.nodes.get(node)?.parameters;
     const declared = known.declared.get(node);
     if (!parameters || !declared) return;
@@ -213,6 +215,7 @@ const knobs = (() => {
     const names = called.length ? called : own.filter((name) => ["double", "integer"].includes(declared[name].kind));
     const shown = new Set(names.map((name) => knob(node, name, declared[name], gains, true)));
     for (const one of made.values()) if (one.gain) one.box.hidden = !shown.has(one);
+    if (known.run.acting.length) shownOf = node;
     document.getElementById("gains-of").textContent = `Gains of ${node}`;
     gains.hidden = !names.length;
   };

@@ -84,6 +84,7 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
       if (!values.complete) alarm.say(`incomplete: ${values.end}`);
       label();
       controllers();
+      knobs.showGains();
     } else if (kind === "node" || kind === "declared") {
       if (kind === "node") controllers();
       knobs.show(values.name);
@@ -173,13 +174,15 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
     one.tabIndex = one === tab ? 0 : -1;
     at(one.getAttribute("aria-controls")).hidden = one !== tab;
   });
-  tabs.forEach((tab, index) => {
+  tabs.forEach((tab) => {
     tab.addEventListener("click", () => choose(tab));
     tab.addEventListener("keydown", (event) => {
+      const there = tabs.filter((one) => one.checkVisibility());
+      const index = there.indexOf(tab);
       const to = { ArrowLeft: index - 1, ArrowRight: index + 1, Home: 0, End: -1 }[event.key];
       if (to === undefined) return;
       event.preventDefault();
-      const next = tabs.at(to % tabs.length);
+      const next = there.at(to % there.length);
       choose(next);
       next.focus();
     });
