@@ -114,11 +114,13 @@ def test_export_writes_a_row_per_state_in_full_precision(fig7, tmp_path):
     with path.open(newline="") as file:
         rows = list(csv.reader(file))
     assert ",".join(rows[0]) == (
-        "t,x,theta,x_dot,theta_dot,theta_measured,reference,torque,kp,ki,kd"
+        "t,x,theta,x_dot,theta_dot,theta_measured,reference,torque,kp,ki,kd,alpha,"
+        "error,error_rate,p_term,i_term,d_term,unsaturated,command,"
+        "disturbance_hip_effort,disturbance_trunk_effort,disturbance_hip_position,disturbance_trunk_position"
     )
     assert len(rows) == 1 + 10001
     assert [float(v) for v in rows[1][:5]] == [0.0, 0.0, 0.5235987755982988, 1.0, 0.0]
-    assert [float(v) for v in rows[1][8:]] == [60.0, 100.0, 9.0]
+    assert [float(v) for v in rows[1][8:11]] == [60.0, 100.0, 9.0]
     assert all(repr(float(v)) == v for row in rows[1:50] for v in row)
 
 
@@ -186,7 +188,9 @@ def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):
         ),
         (
             ("export", "x.mcap"),
-            ("give at least one of --csv, --parquet, --npz, --mcap (see trunk export --help)"),
+            (
+                "give at least one of --csv, --parquet, --npz, --gif, --mp4, --mcap (see trunk export --help)"
+            ),
         ),
         (
             ("list", "rnus"),

@@ -134,22 +134,13 @@ class GraphParticipants(Participants):
         self._senders_seen = count
         now = {sender.guid: sender for sender in self.strange_senders()}
         before, self._strangers = self._strangers, now
-        for word, change, senders in (
-            (
-                Event.CONNECTED,
-                "publishes",
-                {guid: now[guid] for guid in now.keys() - before.keys()},
-            ),
-            (
-                Event.DISCONNECTED,
-                "is gone from",
-                {guid: before[guid] for guid in before.keys() - now.keys()},
-            ),
-        ):
-            for sender in senders.values():
-                line = f"{sender.label} {change} {commands.topic_name}"
-                self._node.get_logger().info(printable(line))
-                self._node.event(word, node=sender.name, middleware=sender.middleware)
+        log, topic = self._node.get_logger(), commands.topic_name
+        for sender in (now[guid] for guid in now.keys() - before.keys()):
+            log.info(printable(f"{sender.label} publishes {topic}"))
+            self._node.event(Event.CONNECTED, node=sender.name, middleware=sender.middleware)
+        for sender in (before[guid] for guid in before.keys() - now.keys()):
+            log.info(printable(f"{sender.label} is gone from {topic}"))
+            self._node.event(Event.DISCONNECTED, node=sender.name, middleware=sender.middleware)
 
     def _reporting(self, topic: str) -> set[str]:
         return discovery.reporting(self._node, self._answering(topic))

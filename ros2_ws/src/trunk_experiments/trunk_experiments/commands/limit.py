@@ -22,7 +22,7 @@ from ..errors import PlanError
 from ..plans.plan import RunPlan, make_plan
 
 if TYPE_CHECKING:
-    from ..study.limit import Limit, Survival
+    from ..study.limit import Bracket, Survival
 
 
 @click.command("limit")
@@ -149,7 +149,7 @@ def _range(plan: RunPlan, vary: str, low: str, high: str) -> tuple[tuple[float, 
 
 def _limits(
     make: Any, names: tuple[str, ...], bounds: tuple[float, float], within: float
-) -> dict[str, Limit]:
+) -> dict[str, Bracket]:
     from ..study.limit import find_limit
 
     limits = {}
@@ -164,7 +164,7 @@ def _at(make: Any, name: str, value: float) -> RunPlan:
     return plan
 
 
-def _record(make: Any, name: str, limit: Limit, files: list[Path], force: bool) -> list[Path]:
+def _record(make: Any, name: str, limit: Bracket, files: list[Path], force: bool) -> list[Path]:
     """Record the runs on either side of a limit, as far as there are any; return the files."""
     from trunk_sim.simulation import DivergedError
 
@@ -182,7 +182,7 @@ def _record(make: Any, name: str, limit: Limit, files: list[Path], force: bool) 
     return written
 
 
-def _show(limits: dict[str, Limit], vary: str, unit: str, bounds: tuple[float, float]) -> None:
+def _show(limits: dict[str, Bracket], vary: str, unit: str, bounds: tuple[float, float]) -> None:
     rows = []
     for name, limit in limits.items():
         if limit.stands_again:

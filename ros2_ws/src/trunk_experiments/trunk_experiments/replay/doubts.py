@@ -22,8 +22,6 @@ from trunk_msgs_util.recording.topic import fields_of
 from trunk_msgs_util.source import ARRIVALS
 from trunk_msgs_util.units import NANOSECONDS, seconds
 
-from .late import late_steps
-
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers
     from trunk_msgs_util.recording.reader import Recording
@@ -136,10 +134,13 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
             angle = degrees(float(fall.values.get("angle", "")))
         except ValueError:
             angle = None
-    try:
-        late = late_steps(run) if whole else None
-    except TrunkError:  # messages or parameters that cannot be read are reported elsewhere
-        late = None
+    late = None
+    if whole and run.mode == "real_time":
+        from .late import late_steps  # with the plant, which an exact run's doubts need not load
+
+        # Messages or parameters that cannot be read are reported elsewhere.
+        with suppress(TrunkError):
+            late = late_steps(run)
     moved = moved_deg(run) if twin and late is not None else None
     return Doubts(
         *_incomplete(run),

@@ -25,7 +25,7 @@ PlanAt = Callable[[float], RunPlan]
 Progress = Callable[[int], None]  # takes the number of runs that were made
 
 
-class Limit(NamedTuple):
+class Bracket(NamedTuple):
     """Where a controller falls, in the parameter's unit."""
 
     stands: float | None  # up to here every tried value stands; None: the first one falls
@@ -46,7 +46,7 @@ def stood(run: RunSummary) -> bool:
 
 def find_limit(
     plan_at: PlanAt, low: float, high: float, within: float, progress: Progress = lambda runs: None
-) -> Limit:
+) -> Bracket:
     """Return the greatest value between ``low`` and ``high`` that stands, to ``within``.
 
     Each round tries as many values as there are lanes: first the whole range, then between the last that
@@ -68,7 +68,7 @@ def find_limit(
             again = sorted(
                 v for v, good in tried.items() if good and falls is not None and v > falls
             )
-            return Limit(stands, falls, tuple(again), len(tried))
+            return Bracket(stands, falls, tuple(again), len(tried))
         values = np.linspace(stands, falls, LANES + 2)[1:-1].tolist()
 
 

@@ -163,9 +163,9 @@ class LinearLoop:
 
     def radius(self) -> float:
         """Return the largest modulus of the map's eigenvalues; the loop is stable below 1."""
-        step = self.matrix()
-        if not np.all(np.isfinite(step)):
+        if not np.all(np.isfinite(self.a)):
             return inf  # so long a period that the fall overflows
+        step = self.matrix()
         return float(np.max(np.abs(np.linalg.eigvals(step))))
 
     @property
@@ -227,11 +227,13 @@ def loop_of(
     )
     try:
         a, b = _plant_step(plant)
+        if not np.all(np.isfinite(a)):  # so long a period that the fall overflows
+            a, b = np.full((3, 3), inf), np.zeros(3)
         law = _law_step(config, seconds(config.period_ns))
     except ArithmeticError:
         a, law = np.full((3, 3), nan), None
-    if law is None or not all(np.all(np.isfinite(part)) for part in (a, b, *law)):
-        linearise(simulator.body)  # says so if it is the plant
+    linearise(simulator.body)  # says so if it is the plant that cannot be
+    if law is None or not all(np.all(np.isfinite(part)) for part in law):
         raise PlanError(
             f"{law_of(config).name} cannot be linearised about the upright: its command is not finite there"
         )
