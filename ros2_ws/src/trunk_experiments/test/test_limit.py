@@ -109,6 +109,14 @@ def test_a_survival_curve_counts_a_study_s_runs(command_says, tmp_path):
         (["limit", "--vary", "simulator.sensor.delay", "--to", "1"], "give a SCENARIO, or --study"),
         (["limit", "demo", "--vary", "simulator.sensor.delay", *BACKWARD], "the smaller one"),
         (["limit", "demo", "--vary", "simulator.sensor.delay", "--to", "5kg"], "it is a mass"),
+        (
+            ["limit", "demo", "--vary", "simulator.sensor.delay", "--to", "99"],
+            "--vary simulator.sensor.delay --to 99: simulator: parameter 'sensor.delay': 99 is not",
+        ),
+        (
+            ["limit", "demo", "--vary", "simulator.sensor.delay", "--to", "1", "-o", __file__],
+            "a file: give a folder",
+        ),
         (["limit", "demo", "--vary", "simulator.hip.mode", "--to", "5"], "hip.mode"),
         (["limit", "demo", "--vary", "lqr.gains.p", "--to", "5"], "no node of this run takes it"),
         (

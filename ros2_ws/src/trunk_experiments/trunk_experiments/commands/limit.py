@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from trunk_msgs_util.parameters.declarations import UnitError, declarations, values_of
+from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.parameters.declarations import (
+    UnitError,
+    declarations,
+    values_of,
+)
 from trunk_msgs_util.parameters.to_si import number_in, units_of
 
 from ..console.document import json_option, write_json
@@ -96,8 +101,15 @@ def command(
         return
     make = partial(_plan, str(scenario), params, settings, vary)
     names = controllers or ("pid", "fuzzy_pid")
-    bounds, unit = _range(make(names[0], high), vary, low, high)
+    try:
+        last = make(names[0], high)
+    except TrunkError as error:
+        reason = str(error).removeprefix(f"--set {vary}={high}: ")
+        raise PlanError(f"--vary {vary} --to {high}: {reason}") from None
+    bounds, unit = _range(last, vary, low, high)
     if output is not None:
+        if output.exists() and not output.is_dir():
+            raise PlanError(f"--output {output}: a file: give a folder for the recordings")
         files = {n: [output / f"{n}_{side}.mcap" for side in ("stands", "falls")] for n in names}
         for path in (path for pair in files.values() for path in pair):
             if path.exists() and not force:
