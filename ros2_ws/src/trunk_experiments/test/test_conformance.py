@@ -30,7 +30,7 @@ def test_a_planted_fault_is_found_by_its_own_check(check: str, law: Law) -> None
     for one in found:
         assert one.check == check
         assert one.function
-        assert one.what
+        assert one.problem
         assert one.advice
 
 

@@ -215,5 +215,5 @@ def test_mean_and_median_have_intervals_that_cover_them():
         inside += mean.low <= 2.0 <= mean.high, median.low <= 2.0 * np.log(2.0) <= median.high
     assert all(inside >= 51)
     assert all(inside <= 60)
-    assert not mean_and_median(np.array([1.0]))[1].told
+    assert not mean_and_median(np.array([1.0]))[1].known
     assert mean_and_median(np.array([2.0, 2.0]))[1] == (2.0, 2.0, 2.0)

@@ -51,7 +51,7 @@ def terms(run: RecordedRun, table: RunTable) -> dict[str, Floats]:
 
 
 def disturbance(run: RecordedRun, table: RunTable) -> dict[str, Floats]:
-    """Return what disturbs hip and trunk at each state: forces, and offsets on the measurement."""
+    """Return the disturbances of hip and trunk at each state: forces, and offsets on the measurement."""
     at = _stamps(run, table)
     if not run.count(topics.DISTURBANCE):
         return {name: np.zeros(len(at)) for name in DISTURBANCE}

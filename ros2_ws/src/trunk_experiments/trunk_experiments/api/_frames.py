@@ -23,6 +23,6 @@ def frame(columns: Mapping[str, Any], index: str) -> pd.DataFrame:
         raise LibraryError(
             "frame: pandas is not installed; install it with: pip install -r requirements/notebook.txt"
         ) from None
-    found = pd.DataFrame(dict(columns)).set_index(index)
-    found.attrs["units"] = {name: UNITS[name] for name in columns if name in UNITS}
-    return found
+    table = pd.DataFrame(dict(columns)).set_index(index)
+    table.attrs["units"] = {name: UNITS[name] for name in columns if name in UNITS}
+    return table

@@ -50,5 +50,5 @@ def metrics(run: Run | AnyPath) -> Metrics:
     """
     from ..analysis.recorded_metrics import recorded_metrics
 
-    found = recorded_metrics(run_of(run)._recorded)
-    return Metrics(*(getattr(found, field.name) for field in fields(found)))
+    values = recorded_metrics(run_of(run)._recorded)
+    return Metrics(*(getattr(values, field.name) for field in fields(values)))

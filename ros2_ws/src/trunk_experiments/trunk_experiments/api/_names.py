@@ -52,7 +52,7 @@ def studies() -> dict[str, str]:
 
 
 def parameters(node: str) -> tuple[Parameter, ...]:
-    """Return what `plan` accepts for a node: ``simulator``, ``disturbance``, ``recorder`` or a controller.
+    """Return the parameters of ``simulator``, ``disturbance``, ``recorder`` or a controller, for `plan`.
 
     Raises PlanError for any other name.
     """

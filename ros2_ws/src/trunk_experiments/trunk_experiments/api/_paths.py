@@ -12,10 +12,10 @@ from ..errors import PlanError
 AnyPath = str | os.PathLike[str]
 
 
-def path_of(value: AnyPath, what: str) -> Path:
+def path_of(value: AnyPath, subject: str) -> Path:
     """Return a path. Raises PlanError, naming what it is for, if the value is not a path."""
     if not isinstance(value, str | os.PathLike) or "\0" in str(value):
-        raise PlanError(f"{what} {value!r} is not a path: give a string or a pathlib.Path")
+        raise PlanError(f"{subject} {value!r} is not a path: give a string or a pathlib.Path")
     return Path(value)
 
 

@@ -65,8 +65,8 @@ def plot(
     if names is not None and (not isinstance(names, list | tuple) or len(names) != len(runs)):
         raise PlanError(f"plot: names {names!r}: give a list of {len(runs)}, one for each run")
     views = [RunView.read(run_of(run)._recorded) for run in runs]
-    told = None if names is None else [str(name) for name in names]
-    return Picture(overview(views, told) if fig is None else paper_figure(views, fig, told))
+    labels = None if names is None else [str(name) for name in names]
+    return Picture(overview(views, labels) if fig is None else paper_figure(views, fig, labels))
 
 
 def report(*runs: Run | AnyPath, output: AnyPath, overwrite: bool = False) -> None:

@@ -80,8 +80,8 @@ class Plan:
         return facts | {f"warning {i}": text for i, text in enumerate(self.warnings, 1)}
 
     def __repr__(self) -> str:
-        told = f"{self.scenario}, {', '.join(self.controllers)}, {self.duration:g} s at {self.rate:g} Hz"
-        return printable(f"Plan({'; '.join((told, *self.warnings))})")
+        summary = f"{self.scenario}, {', '.join(self.controllers)}, {self.duration:g} s at {self.rate:g} Hz"
+        return printable(f"Plan({'; '.join((summary, *self.warnings))})")
 
     def _repr_html_(self) -> str:
         return html_table("Plan", ("", ""), self._facts().items())
@@ -136,7 +136,7 @@ def _swaps(swaps: Any) -> list[Swap]:
     """Return the swaps. Raises PlanError unless they are a list or tuple of swaps."""
     if not isinstance(swaps, list | tuple):
         raise PlanError(f"swaps {swaps!r}: a list is needed, such as [(4.0, 'pid')]")
-    return [_swap(one) for one in swaps]
+    return [_swap(swap) for swap in swaps]
 
 
 def _swap(pair: Any) -> Swap:

@@ -26,34 +26,34 @@ def _entry(name: str, value: Any) -> str:
     attributes = list(_attributes(value))
     if attributes:
         wide = any(
-            what for _, _, what in attributes
+            text for _, _, text in attributes
         )  # otherwise the class's docstring explains them
-        rows = [f"| `{n}` | `{kind}` |" + f" {what} |" * wide for n, kind, what in attributes]
+        rows = [f"| `{n}` | `{kind}` |" + f" {text} |" * wide for n, kind, text in attributes]
         head = ["| attribute | type |" + " what |" * wide, "|---|---|" + "---|" * wide]
         parts.append("\n".join([*head, *rows]))
     if is_dataclass(value) and "Made by" not in (value.__doc__ or ""):
         parts.insert(1, _code(_signature(name, value.__init__)))
     parts += [
-        f"{_code(_signature(f'{name}.{one}', method))}\n\n{_text(method)}"
-        for one, method in _methods(value)
+        f"{_code(_signature(f'{name}.{method_name}', method))}\n\n{_text(method)}"
+        for method_name, method in _methods(value)
     ]
     return "\n\n".join(parts)
 
 
 def _members(kind: type) -> Iterator[tuple[str, Any]]:
-    """Yield what a class and its bases define, in order, except names that are private or special."""
-    found: dict[str, Any] = {}
+    """Yield the members of a class and its bases, in order, except names that are private or special."""
+    members: dict[str, Any] = {}
     for base in reversed(kind.__mro__[:-1]):
-        found |= vars(base)
-    for name, value in found.items():
+        members |= vars(base)
+    for name, value in members.items():
         if not name.startswith("_") or name in ("__len__", "__getitem__"):
             yield name, value
 
 
 def _attributes(kind: type) -> Iterator[tuple[str, str, str]]:
-    for one in fields(kind) if is_dataclass(kind) else ():
-        if not one.name.startswith("_"):
-            yield one.name, str(one.type).replace("|", r"\|"), ""
+    for field in fields(kind) if is_dataclass(kind) else ():
+        if not field.name.startswith("_"):
+            yield field.name, str(field.type).replace("|", r"\|"), ""
     for name, value in _members(kind):
         if isinstance(value, property):
             returned = inspect.get_annotations(value.fget)["return"]  # type: ignore[arg-type]
@@ -78,14 +78,14 @@ def _signature(name: str, function: Any) -> str:
     """Return a signature as it is written, whatever the version of Python."""
     signature = inspect.signature(function)
     shown = [
-        one.replace(
-            annotation=_Verbatim(one.annotation),
+        parameter.replace(
+            annotation=_Verbatim(parameter.annotation),
             default=_Verbatim("{}")
-            if isinstance(one.default, Mapping) or "factory" in repr(one.default)
-            else one.default,
+            if isinstance(parameter.default, Mapping) or "factory" in repr(parameter.default)
+            else parameter.default,
         )
-        for one in signature.parameters.values()
-        if one.name != "self"
+        for parameter in signature.parameters.values()
+        if parameter.name != "self"
     ]
     text = signature.replace(parameters=shown, return_annotation=inspect.Signature.empty)
     returned = signature.return_annotation
@@ -97,21 +97,21 @@ def _code(signature: str) -> str:
     if len(signature) > 100:
         head, _, rest = signature.partition("(")
         inner, _, tail = rest.rpartition(")")
-        lines = "".join(f"    {one},\n" for one in _split(inner))
+        lines = "".join(f"    {argument},\n" for argument in _split(inner))
         signature = f"{head}(\n{lines}){tail}"
     return f"```text\n{signature}\n```"
 
 
 def _split(parameters: str) -> list[str]:
     """Return the parameters one by one, split at commas outside brackets."""
-    found, depth = [""], 0
+    parts, depth = [""], 0
     for character in parameters:
         depth += (character in "[(") - (character in "])")
         if character == "," and depth == 0:
-            found.append("")
+            parts.append("")
         else:
-            found[-1] += character
-    return [one.strip() for one in found]
+            parts[-1] += character
+    return [part.strip() for part in parts]
 
 
 def _text(value: Any) -> str:

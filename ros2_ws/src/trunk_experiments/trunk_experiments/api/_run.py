@@ -88,8 +88,8 @@ class Run:
     def _doubts(self) -> tuple[tuple[str, ...], float | None]:
         from ..replay.doubts import doubts_of
 
-        found = doubts_of(self._recorded, twin=False)
-        return tuple(found.lines), found.fell_at_s
+        doubts = doubts_of(self._recorded, twin=False)
+        return tuple(doubts.lines), doubts.fell_at_s
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -174,11 +174,11 @@ class Run:
     def _more(self) -> tuple[Mapping[str, Floats], Mapping[str, Floats]]:
         from ..analysis.run_terms import disturbance, terms
 
-        found = terms(self._recorded, self._table), disturbance(self._recorded, self._table)
-        for columns in found:
+        tables = terms(self._recorded, self._table), disturbance(self._recorded, self._table)
+        for columns in tables:
             for column in columns.values():
                 column.flags.writeable = False
-        return found
+        return tables
 
     @property
     def terms(self) -> Mapping[str, Floats]:
@@ -237,8 +237,8 @@ class Run:
 
     def __repr__(self) -> str:
         facts = (self.scenario, ", ".join(self.controllers), self.mode)
-        told = ", ".join(one for one in facts if one)
-        return printable(f"Run({self.path.name}: {'; '.join((told, *self.doubts))})")
+        summary = ", ".join(fact for fact in facts if fact)
+        return printable(f"Run({self.path.name}: {'; '.join((summary, *self.doubts))})")
 
     def _repr_html_(self) -> str:
         facts = {

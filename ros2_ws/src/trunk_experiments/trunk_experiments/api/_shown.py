@@ -30,7 +30,7 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[object
 
 def text_table(rows: Iterable[Sequence[str]]) -> str:
     """Return rows as text in columns: the first left, the second right, the rest left."""
-    cells = [[printable(one) for one in row] for row in rows]
+    cells = [[printable(cell) for cell in row] for row in rows]
     first, second = (max((len(row[i]) for row in cells), default=0) for i in (0, 1))
     return "\n".join(
         f"{row[0]:{first}}  {row[1]:>{second}}  {' '.join(row[2:])}".rstrip() for row in cells

@@ -57,12 +57,12 @@ class Study:
     @property
     def controllers(self) -> tuple[str, ...]:
         """The controllers' labels."""
-        return tuple(one.label for one in self._study.contenders)
+        return tuple(contender.label for contender in self._study.contenders)
 
     @property
     def variables(self) -> tuple[str, ...]:
         """The names of what varies; each is a column of the results."""
-        return tuple(one.name for one in self._study.variables)
+        return tuple(variable.name for variable in self._study.variables)
 
     def __repr__(self) -> str:
         return (
@@ -99,8 +99,8 @@ def draw(
     the parameter's unit, unless ``how`` is ``factor``. The rest is as for `grid`.
     """
     given = {"low": low, "high": high, "mean": mean, "std": std, "values": values}
-    told = {name: plain(value) for name, value in given.items() if value is not None}
-    return _variation(parameter, how, {"distribution": distribution, **told})
+    options = {name: plain(value) for name, value in given.items() if value is not None}
+    return _variation(parameter, how, {"distribution": distribution, **options})
 
 
 def _variation(parameter: str | Sequence[str], how: How, rest: Mapping[str, Any]) -> Variation:
@@ -132,7 +132,7 @@ def study(
     """
     contenders: Any = plain(controllers)
     if isinstance(controllers, Mapping):
-        contenders = {str(label): _contender(one) for label, one in controllers.items()}
+        contenders = {str(label): _contender(contender) for label, contender in controllers.items()}
     tree = {
         "scenario": str(path_of(scenario, "scenario")),
         "controllers": contenders,
@@ -142,7 +142,7 @@ def study(
         "duration": number_of(duration, "duration"),
         "runs": plain(runs),
         "seed": plain(seed),
-        "vary": {str(name): _entry(name, one) for name, one in _varied(vary).items()},
+        "vary": {str(name): _entry(name, variation) for name, variation in _varied(vary).items()},
     }
     return Study(_parsed({name: value for name, value in tree.items() if value is not None}))
 
@@ -166,8 +166,8 @@ def _parsed(tree: Mapping[str, Any]) -> StudySpec:
 
 
 def _overrides(value: Mapping[str, Any]) -> dict[str, Any]:
-    found = mapping_of(value, "overrides", "{'NODE.PARAM': value}")
-    return {str(name): plain(one) for name, one in found.items()}
+    overrides = mapping_of(value, "overrides", "{'NODE.PARAM': value}")
+    return {str(name): plain(override) for name, override in overrides.items()}
 
 
 def _varied(value: Mapping[str, Variation]) -> Mapping[str, Variation]:
@@ -176,19 +176,19 @@ def _varied(value: Mapping[str, Variation]) -> Mapping[str, Variation]:
     )
 
 
-def _contender(one: Contender) -> dict[str, Any]:
-    if not isinstance(one, Contender):
+def _contender(contender: Contender) -> dict[str, Any]:
+    if not isinstance(contender, Contender):
         raise StudyError(
-            f"controllers: {one!r} is not a contender: give trunk.Contender('pid', ...)"
+            f"controllers: {contender!r} is not a contender: give trunk.Contender('pid', ...)"
         )
     return {
-        "node": one.node,
-        "params": names_of(one.params, "params"),
-        "set": _overrides(one.overrides),
+        "node": contender.node,
+        "params": names_of(contender.params, "params"),
+        "set": _overrides(contender.overrides),
     }
 
 
-def _entry(name: str, one: Variation) -> dict[str, Any]:
-    if not isinstance(one, Variation):
-        raise StudyError(f"vary: {name}: {one!r}: give trunk.grid(...) or trunk.draw(...)")
-    return dict(one.entry)
+def _entry(name: str, variation: Variation) -> dict[str, Any]:
+    if not isinstance(variation, Variation):
+        raise StudyError(f"vary: {name}: {variation!r}: give trunk.grid(...) or trunk.draw(...)")
+    return dict(variation.entry)

@@ -133,8 +133,11 @@ class Sweep:
         from ..study.compare import compare_study
         from ..study.results import METRICS
 
-        found = compare_study(self._results, tuple(metrics) or METRICS)
-        return tuple(PairedDifference(**asdict(one), verdict=one.verdict) for one in found)
+        differences = compare_study(self._results, tuple(metrics) or METRICS)
+        return tuple(
+            PairedDifference(**asdict(difference), verdict=difference.verdict)
+            for difference in differences
+        )
 
     def map(self, x: str, y: str, metric: str = "iae", *, floquet: bool = False) -> Picture:
         """Draw a metric over two grids of the study, one panel for each controller; grey: most runs fell.
@@ -146,8 +149,8 @@ class Sweep:
 
         if x == y:
             raise StudyError(f"map: x and y are both {x!r}: give two different grids")
-        found = panels(self._results, metric, (x, y), floquet)
-        return Picture(draw(found, metric, (x, y), f"{len(self)} runs"))
+        drawn = panels(self._results, metric, (x, y), floquet)
+        return Picture(draw(drawn, metric, (x, y), f"{len(self)} runs"))
 
     def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
         """Write the results as Parquet, for `load_sweep`, `trunk study map` and `trunk study compare`.
@@ -164,8 +167,8 @@ class Sweep:
 
     def __repr__(self) -> str:
         fallen = int((self.fallen == 1.0).sum())
-        told = f"{len(self)} runs of {', '.join(self.controllers)}; {fallen} fell"
-        return printable(f"Sweep({'; '.join((told, *self.warnings))})")
+        summary = f"{len(self)} runs of {', '.join(self.controllers)}; {fallen} fell"
+        return printable(f"Sweep({'; '.join((summary, *self.warnings))})")
 
     def _repr_html_(self) -> str:
         rows = [self._row(name) for name in self.controllers]
@@ -175,10 +178,10 @@ class Sweep:
     def _row(self, controller: str) -> tuple[str, ...]:
         import numpy as np
 
-        one = self.of(controller)
-        found = [values[~np.isnan(values)] for values in (one[name] for name in _SHOWN)]
-        medians = [f"{np.median(values):.4g}" if len(values) else "" for values in found]
-        return controller, str(len(one)), str(int((one.fallen == 1.0).sum())), *medians
+        rows = self.of(controller)
+        columns = [values[~np.isnan(values)] for values in (rows[name] for name in _SHOWN)]
+        medians = [f"{np.median(values):.4g}" if len(values) else "" for values in columns]
+        return controller, str(len(rows)), str(int((rows.fallen == 1.0).sum())), *medians
 
 
 def sweep(
@@ -206,8 +209,8 @@ def sweep(
     if output is not None:
         return _swept(study, output_path(output, (".parquet",), overwrite), jobs, progress)
     with TemporaryDirectory(prefix="trunk_") as folder:
-        found = _swept(study, Path(folder) / "sweep.parquet", jobs, progress)
-    return replace(found, _results=replace(found._results, path=Path("the sweep")))
+        sweep = _swept(study, Path(folder) / "sweep.parquet", jobs, progress)
+    return replace(sweep, _results=replace(sweep._results, path=Path("the sweep")))
 
 
 def _swept(

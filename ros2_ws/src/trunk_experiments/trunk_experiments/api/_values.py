@@ -17,7 +17,7 @@ def plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         return value.tolist()
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        return [plain(one) for one in value]
+        return [plain(item) for item in value]
     return value
 
 
@@ -43,22 +43,22 @@ def layers_of(overrides: Mapping[str, object], acting: Sequence[str]) -> list[La
     return layers
 
 
-def mapping_of(value: Any, what: str, such_as: str) -> Mapping[str, Any]:
+def mapping_of(value: Any, subject: str, such_as: str) -> Mapping[str, Any]:
     """Return a mapping. Raises PlanError, naming what it is for, if the value is not one."""
     if not isinstance(value, Mapping):
-        raise PlanError(f"{what} {value!r}: a mapping is needed, such as {such_as}")
+        raise PlanError(f"{subject} {value!r}: a mapping is needed, such as {such_as}")
     return value
 
 
-def names_of(value: AnyPath | Sequence[AnyPath], what: str) -> list[str]:
+def names_of(value: AnyPath | Sequence[AnyPath], subject: str) -> list[str]:
     """Return one or more names or paths as a list of strings. Raises PlanError for anything else."""
-    found: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
-    return [str(path_of(one, what)) for one in found]
+    values: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
+    return [str(path_of(item, subject)) for item in values]
 
 
-def number_of(value: Any, what: str) -> Any:
+def number_of(value: Any, subject: str) -> Any:
     """Return a number as Python's own, None and strings as they are. Raises PlanError for anything else."""
     value = plain(value)
     if isinstance(value, bool) or not isinstance(value, int | float | str | None):
-        raise PlanError(f"{what} {value!r}: a number is needed")
+        raise PlanError(f"{subject} {value!r}: a number is needed")
     return value

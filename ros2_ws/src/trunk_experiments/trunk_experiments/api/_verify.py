@@ -53,17 +53,17 @@ class Verification:
     @property
     def steps(self) -> int:
         """How many steps were recomputed, of all kinds."""
-        return sum(one.steps for one in self.checked)
+        return sum(check.steps for check in self.checked)
 
     def __repr__(self) -> str:
-        told = [self.verdict, *([self.judged] if self.judged else []), *self.reasons]
-        return printable(f"Verification({'; '.join(told)})")
+        summary = [self.verdict, *([self.judged] if self.judged else []), *self.reasons]
+        return printable(f"Verification({'; '.join(summary)})")
 
     def _repr_html_(self) -> str:
         rows: list[tuple[str, str]] = [("judged", self.judged)] if self.judged else []
         rows += [
-            (one.name, f"{one.steps} steps, {one.diverging or 'none'} diverging")
-            for one in self.checked
+            (check.name, f"{check.steps} steps, {check.diverging or 'none'} diverging")
+            for check in self.checked
         ]
         rows += [("reason", line) for line in self.reasons]
         rows += [("not judged", line) for line in self.not_judged]
@@ -87,18 +87,21 @@ def verify(run: Run | AnyPath, *, key: AnyPath | None = None) -> Verification:
     file = None if key is None else path_of(key, "key")
     trusted = None if file is None else public_key(read_key(file), str(file))
     recorded = run_of(run)._recorded
-    found = verdict_on(recorded)
-    judge_signature(found, recorded.recording, trusted, str(file))
+    verdict = verdict_on(recorded)
+    judge_signature(verdict, recorded.recording, trusted, str(file))
     return Verification(
-        cast("Word", found.word),
-        found.judged,
+        cast("Word", verdict.word),
+        verdict.judged,
         tuple(
             CheckedPart(
-                part.name, part.steps, part.wrong_steps, tuple(describe(one) for one in part.first)
+                part.name,
+                part.steps,
+                part.wrong_steps,
+                tuple(describe(step) for step in part.first),
             )
-            for part in found.checks
+            for part in verdict.checks
         ),
-        tuple(found.reasons),
-        tuple(found.unjudged),
-        tuple(found.notes),
+        tuple(verdict.reasons),
+        tuple(verdict.unjudged),
+        tuple(verdict.notes),
     )

@@ -100,7 +100,7 @@ def command(
 
 
 def margin_warnings(plan: RunPlan, rows: Sequence[LoopMargins]) -> list[str]:
-    """Return what makes margins doubtful: thin ones, a model of another plant, what is left out."""
+    """Return the reasons to doubt margins: thin ones, a model of another plant, what is left out."""
     from ..tuning.linear import left_out
     from ..tuning.margins import other_plants, weakness
 

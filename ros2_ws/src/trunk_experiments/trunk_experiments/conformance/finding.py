@@ -16,13 +16,13 @@ class LawFinding(NamedTuple):
 
     check: str
     function: str  # MODULE.FUNCTION
-    what: str  # with the input that shows it
+    problem: str  # with the input that shows it
     advice: str  # what to do
     note: bool = False  # True: for information, nothing to fix
 
     def line(self) -> str:
         """Return it as one line."""
-        return f"{self.check}: {self.function}: {self.what}: {self.advice}"
+        return f"{self.check}: {self.function}: {self.problem}: {self.advice}"
 
 
 @dataclass(frozen=True)

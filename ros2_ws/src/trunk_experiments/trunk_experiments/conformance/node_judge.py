@@ -34,7 +34,7 @@ class NodeFinding(NamedTuple):
     """What a node does otherwise than it should, and what to write instead."""
 
     check: str
-    what: str
+    problem: str
     advice: str
 
 

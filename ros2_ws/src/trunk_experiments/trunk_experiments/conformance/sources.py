@@ -86,10 +86,10 @@ def _problems(function: FunctionType) -> Iterator[LawFinding]:
             yield _state(where, f"has the mutable default {value!r}")
     reported = set()
     for node in ast.walk(tree):
-        for problem in _of_node(node, function, where):
-            if problem.what not in reported:
-                reported.add(problem.what)
-                yield problem
+        for finding in _of_node(node, function, where):
+            if finding.problem not in reported:
+                reported.add(finding.problem)
+                yield finding
 
 
 def _of_node(node: ast.AST, function: FunctionType, where: str) -> Iterator[LawFinding]:

@@ -28,7 +28,7 @@ class Tokens(NamedTuple):
     def may(self, offered: Sequence[str]) -> str:
         """Return ``control``, ``watch`` or an empty text, by the tokens that are offered."""
         for name, token in zip(self._fields, self, strict=True):
-            if any(compare_digest(one.encode(), token.encode()) for one in offered):
+            if any(compare_digest(candidate.encode(), token.encode()) for candidate in offered):
                 return name
         return ""
 

@@ -163,11 +163,11 @@ class Bridge(ServerListener):
             asked = deserialize_message(request.payload, cls.Request) if text else cls.Request()
             return bytes(serialize_message(self._wait(self._feed.requests.call(cls, node, asked))))
 
-        def words(what: str, definition: str) -> MessageSchema:
+        def words(direction: str, definition: str) -> MessageSchema:
             return MessageSchema(
                 encoding="cdr",
                 schema=foxglove.Schema(
-                    name=f"{schema}_{what}", encoding="ros2msg", data=definition.encode()
+                    name=f"{schema}_{direction}", encoding="ros2msg", data=definition.encode()
                 ),
             )
 
@@ -200,8 +200,8 @@ class Bridge(ServerListener):
         self, client: Client, param_names: list[str], request_id: str | None = None
     ) -> list[Parameter]:
         """Return parameters by ``NODE.NAME``; all of them if none is named."""
-        told = self._told
-        return _parameters({n: told[n] for n in param_names or told if n in told})
+        values = self._told
+        return _parameters({n: values[n] for n in param_names or values if n in values})
 
     def on_set_parameters(
         self, client: Client, parameters: list[Parameter], request_id: str | None = None
@@ -230,11 +230,11 @@ async def _serve(namespace: str, port: int, say: Callable[[str], object]) -> Non
     print(bridge.port, flush=True)
     give_way()
     serving = asyncio.create_task(bridge.serve())
-    told = asyncio.StreamReader()
+    stdin = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(
-        lambda: asyncio.StreamReaderProtocol(told), sys.stdin
+        lambda: asyncio.StreamReaderProtocol(stdin), sys.stdin
     )
-    ends = asyncio.create_task(told.read())
+    ends = asyncio.create_task(stdin.read())
     await asyncio.wait([serving, ends], return_when=asyncio.FIRST_COMPLETED)
     bridge.close()
     if serving.done():

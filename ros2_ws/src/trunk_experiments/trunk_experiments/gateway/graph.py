@@ -202,18 +202,18 @@ class Graph:
         )
 
 
-def _declared(one: Declaration, config: type[Any] | None) -> dict[str, object]:
+def _declared(declared: Declaration, config: type[Any] | None) -> dict[str, object]:
     controller = config is not None and issubclass(config, ControllerConfig)
     return {
-        "law": controller and one.name not in declarations(ControllerConfig),
-        "kind": one.kind,
-        "unit": one.unit,
-        "description": one.description,
-        "allowed": one.allowed(),
-        "low": plain(one.minimum if one.minimum is not None else one.above),
-        "high": plain(one.maximum),
-        "choices": list(one.choices),
-        "fixed": one.fixed,
-        "unbounded": one.unbounded,
-        "default": plain(one.default),
+        "law": controller and declared.name not in declarations(ControllerConfig),
+        "kind": declared.kind,
+        "unit": declared.unit,
+        "description": declared.description,
+        "allowed": declared.allowed(),
+        "low": plain(declared.minimum if declared.minimum is not None else declared.above),
+        "high": plain(declared.maximum),
+        "choices": list(declared.choices),
+        "fixed": declared.fixed,
+        "unbounded": declared.unbounded,
+        "default": plain(declared.default),
     }

@@ -154,14 +154,16 @@ class GraphFeed:
     def _on_parameters(self, message: ParameterEvent) -> None:
         if name := self._relative(message.node):
             said = (*message.new_parameters, *message.changed_parameters)
-            values = {one.name: parameter_value_to_python(one.value) for one in said}
+            values = {
+                parameter.name: parameter_value_to_python(parameter.value) for parameter in said
+            }
             self.graph.parameters(name, {n: _listed(v) for n, v in values.items()})
             self.requests.meet(name)
 
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if name := self._relative(status.name):
-                values = {one.key: one.value for one in status.values}
+                values = {pair.key: pair.value for pair in status.values}
                 stamp_ns = stamp_from_ros(message.header.stamp)
                 self.graph.event(name, stamp_ns, status.message, values)
         self.graph.put_events()
@@ -170,20 +172,20 @@ class GraphFeed:
         for status in message.status:
             name = self._relative(status.name)
             if name in self.graph.nodes:
-                values = {one.key: one.value for one in status.values}
+                values = {pair.key: pair.value for pair in status.values}
                 self.graph.diagnosed(name, status.level[0], status.message, values)
 
 
 def taken(subscription: Subscription, raw: bool) -> list[Any]:
     """Return the messages that have arrived, up to a limit."""
-    found: list[Any] = []
-    while len(found) < _AT_ONCE:
+    messages: list[Any] = []
+    while len(messages) < _AT_ONCE:
         with subscription.handle:
             taken = subscription.handle.take_message(subscription.msg_type, raw)
         if taken is None:
             break
-        found.append(taken[0])
-    return found
+        messages.append(taken[0])
+    return messages
 
 
 def _listed(value: Any) -> Any:

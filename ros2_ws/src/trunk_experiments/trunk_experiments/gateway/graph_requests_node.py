@@ -141,17 +141,17 @@ class GraphRequests:
         if node is None:
             raise RefusedRequestError(f"no node {name!r} is known here")
         parameters = []
-        for one, value in values.items():
+        for parameter, value in values.items():
             try:
-                present = node.values.get(one)
+                present = node.values.get(parameter)
                 if isinstance(present, float) and value in _INFINITE:
                     value = float(value)  # JSON has no such number
                 parameters.append(
-                    Parameter(one, value=as_present(value, present)).to_parameter_msg()
+                    Parameter(parameter, value=as_present(value, present)).to_parameter_msg()
                 )
             except (TypeError, ValueError, AssertionError, OverflowError):
                 raise RefusedRequestError(
-                    f"{name}: parameter {one!r}: {value!r} cannot be the value of a ROS 2 parameter"
+                    f"{name}: parameter {parameter!r}: {value!r} cannot be the value of a ROS 2 parameter"
                 ) from None
         request = SetParametersAtomically.Request(parameters=parameters)
         response = await self.call(SetParametersAtomically, name, request)

@@ -56,16 +56,16 @@ class PagePart(_Checked):
 
     async def get(self, path: str = "") -> None:
         """Answer with a file of the page."""
-        found = self.gateway.files.get(path)
-        if found is None:
+        file = self.gateway.files.get(path)
+        if file is None:
             self.gateway.refuse("paths that do not exist")
             raise HTTPError(404)
-        self.set_header("Content-Type", found.kind)
+        self.set_header("Content-Type", file.kind)
         report = path.startswith("/report-")
         self.gateway.reports += report
         if report:  # it brings its own policy, and lets nothing in or out
             self.set_header("Content-Security-Policy", "frame-ancestors 'none'")
-        await self.finish(found.data)
+        await self.finish(file.data)
         self.gateway.reports_out += report
 
 

@@ -28,9 +28,9 @@ def main() -> None:
 
 async def _serve() -> None:
     loop = asyncio.get_running_loop()
-    told = asyncio.StreamReader()
-    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(told), sys.stdin)
-    first = json.loads(await told.readline())
+    stdin = asyncio.StreamReader()
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(stdin), sys.stdin)
+    first = json.loads(await stdin.readline())
     feed = _feed(first)
     gateway = Gateway(
         feed,
@@ -46,7 +46,7 @@ async def _serve() -> None:
     server.add_socket(listening)
     _say("serving")
     give_way()  # not before: starting takes a second of processor time
-    listens = loop.create_task(_listen(told, gateway))
+    listens = loop.create_task(_listen(stdin, gateway))
     works = [loop.create_task(gateway.serve()), loop.create_task(feed.begin())]
     try:
         # It ends with its input, or when one of its tasks fails.
@@ -60,18 +60,18 @@ async def _serve() -> None:
         feed.close()
 
 
-def _feed(told: dict[str, Any]) -> Feed:
-    if "recording" in told:
+def _feed(request: dict[str, Any]) -> Feed:
+    if "recording" in request:
         from .recorded_feed import RecordedFeed
 
-        return RecordedFeed(Path(told["recording"]))
+        return RecordedFeed(Path(request["recording"]))
     from .graph_feed_node import GraphFeed
 
-    return GraphFeed(told["namespace"], told.get("standby", ()))
+    return GraphFeed(request["namespace"], request.get("standby", ()))
 
 
-async def _listen(told: asyncio.StreamReader, gateway: Gateway) -> None:
-    while line := await told.readline():
+async def _listen(stdin: asyncio.StreamReader, gateway: Gateway) -> None:
+    while line := await stdin.readline():
         more = json.loads(line)
         if "report" in more:
             gateway.show_report(report_file(Path(more["report"])))

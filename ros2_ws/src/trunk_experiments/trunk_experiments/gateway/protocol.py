@@ -52,26 +52,26 @@ UNANSWERED = ("push", "reference")
 
 
 def asked(text: str | bytes) -> Asked:
-    """Return what a message asks for. Raises BadMessageError."""
+    """Return the request in a message. Raises BadMessageError."""
     if isinstance(text, bytes):
         raise BadMessageError("a binary message: only JSON text is understood")
     try:
-        found = json.loads(text, parse_constant=_no_number)
+        fields = json.loads(text, parse_constant=_no_number)
     except (ValueError, RecursionError):
         raise BadMessageError("a message that is not JSON") from None
-    if not isinstance(found, dict):
+    if not isinstance(fields, dict):
         raise BadMessageError("a message that is not a JSON object")
-    kind, number = found.pop("kind", None), found.pop("number", 0)
+    kind, number = fields.pop("kind", None), fields.pop("number", 0)
     if not isinstance(kind, str) or kind not in _CARRIES:
         raise BadMessageError(f"a message of a kind other than {', '.join(KINDS)}")
     if type(number) is not int:
         raise BadMessageError(f"{kind}: its number is not an integer")
     carries = _CARRIES[kind]
-    if found.keys() != carries.keys():
+    if fields.keys() != carries.keys():
         raise BadMessageError(
             f"{kind}: it must carry these fields only: {', '.join(carries) or 'none'}"
         )
-    return Asked(kind, number, {n: _value(kind, n, t, found[n]) for n, t in carries.items()})
+    return Asked(kind, number, {n: _value(kind, n, t, fields[n]) for n, t in carries.items()})
 
 
 def _value(kind: str, name: str, wanted: type, value: object) -> object:
@@ -107,5 +107,5 @@ def plain(value: object) -> object:
     if isinstance(value, float) and not isfinite(value):
         return repr(value)
     if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
+        return [plain(item) for item in value]
     return value

@@ -83,21 +83,21 @@ class RecordedFeed:
         )
 
     def _add_controller(self, run: RecordedRun, name: str) -> None:
-        told = run.joints(topics.controller_state(name)).by_stamp()
-        if not len(told) or told.position.shape[1] != len(told.names):
+        states = run.joints(topics.controller_state(name)).by_stamp()
+        if not len(states) or states.position.shape[1] != len(states.names):
             return
-        values = np.column_stack([_seconds(told), told.position])
+        values = np.column_stack([_seconds(states), states.position])
         try:
             timeline = run.timeline(name)
         except (KeyError, ParameterError):
-            columns = columns_of(name, told.names, None)
+            columns = columns_of(name, states.names, None)
         else:
-            columns = columns_of(name, told.names, timeline.config)
+            columns = columns_of(name, states.names, timeline.config)
             rows = []
-            for stamp_ns, row in zip(told.stamp_ns.tolist(), values.tolist(), strict=True):
+            for stamp_ns, row in zip(states.stamp_ns.tolist(), values.tolist(), strict=True):
                 timeline.advance(stamp_ns)
                 if isinstance(timeline.config, FuzzyPidConfig):
-                    rows.append(with_rules(tuple(row), told.names, timeline.config))
+                    rows.append(with_rules(tuple(row), states.names, timeline.config))
             values = np.array(rows) if rows else values
         put_stream(self.board, self.streams, name, StreamRows.of(columns, values))
 

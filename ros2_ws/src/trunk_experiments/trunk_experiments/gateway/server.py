@@ -83,9 +83,9 @@ class Gateway:
                 client.turn(self.feed)
             await asyncio.sleep(max(_TURN_S - (time.monotonic() - begun), 0.001))
 
-    def refuse(self, what: str) -> None:
+    def refuse(self, reason: str) -> None:
         """Count what was refused; every page shows it."""
-        self.refused[what] += 1
+        self.refused[reason] += 1
 
     def show_report(self, file: PageFile) -> None:
         """Serve the report of the run that was ended, by a path that only the pages learn."""
@@ -123,58 +123,58 @@ class Gateway:
             self.refuse("messages too long")
             client.send_away("a message too long")
             return
-        found, wrong = None, ""
+        request, wrong = None, ""
         try:
-            found = asked(text)
+            request = asked(text)
         except BadMessageError as error:
             wrong = str(error)
         if not client.rate.allows():
             self.refuse("messages faster than a page sends them")
-            if found is not None and found.kind not in UNANSWERED:
-                client.answer(found.number, False, "busy: too many requests at once; ask again")
+            if request is not None and request.kind not in UNANSWERED:
+                client.answer(request.number, False, "busy: too many requests at once; ask again")
             client.too_many()
             return
-        if found is None:
+        if request is None:
             self.refuse("malformed messages")
             client.answer(0, False, wrong)
             return
         if not client.controls:
             self.refuse("requests of pages that may only watch")
-            client.answer(found.number, False, "this address is for watching only")
+            client.answer(request.number, False, "this address is for watching only")
             return
         # Those that come with each picture are done at once: after a pause they arrive in bursts.
-        lasting = found.kind not in UNANSWERED
+        lasting = request.kind not in UNANSWERED
         if lasting and client.unfinished >= _UNFINISHED:
             self.refuse("requests of a page that still waits for many others")
-            client.answer(found.number, False, "busy: wait for the earlier requests")
+            client.answer(request.number, False, "busy: wait for the earlier requests")
             return
         client.unfinished += lasting
-        task = asyncio.get_running_loop().create_task(self._do(client, found))
+        task = asyncio.get_running_loop().create_task(self._do(client, request))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _do(self, client: Client, found: Asked) -> None:
+    async def _do(self, client: Client, request: Asked) -> None:
         try:
-            if found.kind == "push":
-                self._hold(client, found)
-            if found.kind == "stop" and self.stoppable:
+            if request.kind == "push":
+                self._hold(client, request)
+            if request.kind == "stop" and self.stoppable:
                 self.say("stop")
                 text = "the run is being ended"
             else:
-                text = await self.feed.ask(client.name, found)
+                text = await self.feed.ask(client.name, request)
         except RefusedRequestError as error:
-            self.refuse("pushes refused" if found.kind in UNANSWERED else "requests refused")
-            client.answer(found.number, False, str(error))
+            self.refuse("pushes refused" if request.kind in UNANSWERED else "requests refused")
+            client.answer(request.number, False, str(error))
         else:
-            if found.kind not in UNANSWERED:
-                client.answer(found.number, True, text)
+            if request.kind not in UNANSWERED:
+                client.answer(request.number, True, text)
         finally:
-            client.unfinished -= found.kind not in UNANSWERED
+            client.unfinished -= request.kind not in UNANSWERED
 
-    def _hold(self, client: Client, found: Asked) -> None:
+    def _hold(self, client: Client, request: Asked) -> None:
         """Let one client push at a time, until it lets go or sends nothing for a second."""
         now = time.monotonic()
         if self.operator not in ("", client.name) and now - self._operator_s < 1.0:
             raise RefusedRequestError("somebody else is pushing")
-        idle = found.values["force"] == 0.0 and found.values["torque"] == 0.0
+        idle = request.values["force"] == 0.0 and request.values["torque"] == 0.0
         self._operator_s, self.operator = now, "" if idle else client.name

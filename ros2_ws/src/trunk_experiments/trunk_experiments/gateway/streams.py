@@ -53,4 +53,4 @@ def with_rules(
         return row
     error, rate = row[1 + said.index("error")], row[1 + said.index("error_rate")]
     fired = fired_rules(error, rate, config.rules)
-    return (*row, fired[0].row, fired[0].column, *(one.weight for one in fired))
+    return (*row, fired[0].row, fired[0].column, *(rule.weight for rule in fired))

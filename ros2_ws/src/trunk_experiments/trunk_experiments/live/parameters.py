@@ -74,7 +74,7 @@ def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, objec
 def planned_names(node: str) -> list[str]:
     """Return the keys that trunk reads for a node with one of the project's names: those of CSV files."""
     config = _config(node)
-    return [] if config is None else [one.name for t in tables_of(config) for one in t.keys]
+    return [] if config is None else [key.name for t in tables_of(config) for key in t.keys]
 
 
 def with_numbers(
@@ -92,9 +92,9 @@ def with_numbers(
         return dict(said)
     declared = declarations(config)
     choosers = [declared[table.values].unit_by for table in tables_of(config)]
-    found = numbers_for(node, [layer], config, values(list(filter(None, choosers)))).values
+    numbers = numbers_for(node, [layer], config, values(list(filter(None, choosers)))).values
     return {name: value for name, value in said.items() if name not in planned} | {
-        name: list(value) if isinstance(value, tuple) else value for name, value in found.items()
+        name: list(value) if isinstance(value, tuple) else value for name, value in numbers.items()
     }
 
 
@@ -128,9 +128,9 @@ def said_in_si(
 def _have_text(said: Mapping[str, object]) -> bool:
     """Return True if a value is or contains text, which may be a number with a unit."""
     return any(
-        isinstance(one, str)
+        isinstance(item, str)
         for value in said.values()
-        for one in (value if isinstance(value, list | tuple) else [value])
+        for item in (value if isinstance(value, list | tuple) else [value])
     )
 
 

@@ -112,12 +112,12 @@ class LiveParameters:
 
     def _refuse_unknown(self, names: Sequence[str]) -> None:
         known = self.names()
-        told = "; ".join(
+        reasons = "; ".join(
             f"parameter {name!r}: {unknown_name(name, known)}"
             for name in names
             if name not in known
         )
-        raise LiveParametersError(f"{self._name}: {told or 'a parameter without a value'}")
+        raise LiveParametersError(f"{self._name}: {reasons or 'a parameter without a value'}")
 
     def _names(self) -> list[str]:
         return [n for n in self._node.get_fully_qualified_node_names() if n != self._own_name()]

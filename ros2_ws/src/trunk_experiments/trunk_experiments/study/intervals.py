@@ -24,7 +24,7 @@ class Estimate(NamedTuple):
     high: float
 
     @property
-    def told(self) -> bool:
+    def known(self) -> bool:
         """True if there is an interval."""
         return self.low <= self.high
 

@@ -31,7 +31,7 @@ class Falls:
     @property
     def bounds(self) -> str:
         """The interval in words: ``up to 3.7 %`` where none fell; empty if there were no runs."""
-        if not self.share.told:
+        if not self.share.known:
             return ""
         low, high = percent(self.share.low), percent(self.share.high)
         if self.fell == 0:
@@ -76,7 +76,9 @@ def estimate_text(estimate: Estimate) -> str:
     """Return a number and its interval: ``1.23 [1.2…1.26]``; empty where there is no number."""
     if isnan(estimate.value):
         return ""
-    bounds = f" [{number_text(estimate.low)}…{number_text(estimate.high)}]" if estimate.told else ""
+    bounds = (
+        f" [{number_text(estimate.low)}…{number_text(estimate.high)}]" if estimate.known else ""
+    )
     return number_text(estimate.value) + bounds
 
 

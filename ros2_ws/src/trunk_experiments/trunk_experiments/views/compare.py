@@ -78,11 +78,11 @@ def metric_rows(
 ) -> tuple[Row, ...]:
     """Return the rows of the table of metrics; no doubtful run is best, and none if ``tasks`` differ."""
     sound = [not doubt and not tasks for doubt in doubts]
-    found = [metrics_of(view) for view in views]
+    metrics = [metrics_of(view) for view in views]
     levels = [has_level(view.table) for view in views]
     rows = []
-    for key in found[0]:
-        values = tuple(run[key] for run in found)
+    for key in metrics[0]:
+        values = tuple(run[key] for run in metrics)
         judged = key in QUANTITIES and QUANTITIES[key].judged
         words = tuple(missing(key, level) for level in levels)
         rows.append(Row(key, values, best_of(values, sound) if judged else (), words))
@@ -114,19 +114,19 @@ def differing_parameters(views: Sequence[RunView]) -> dict[str, tuple[Value | No
 
 
 def divergence(first: RecordedRun, other: RecordedRun) -> RunDiff:
-    """Return where a run diverges from the first; with different laws ``~/state`` is not compared."""
+    """Return the first divergence of a run from another; with different laws ``~/state`` is not compared."""
     return diff(first, other, terms=first.controllers == other.controllers)
 
 
 def compare(views: Sequence[RunView]) -> Comparison:
     """Compare runs; the divergence of the others is relative to the first."""
-    found = [doubts_of(view.run) for view in views]
+    doubts = [doubts_of(view.run) for view in views]
     tasks = different_tasks(views)
     return Comparison(
         names=tuple(labels(views)),
-        doubts=tuple(found),
+        doubts=tuple(doubts),
         tasks=tasks,
-        rows=metric_rows(views, found, tasks),
+        rows=metric_rows(views, doubts, tasks),
         parameters=differing_parameters(views),
         branches=tuple(view.run.branch for view in views),
         diffs=tuple(divergence(views[0].run, view.run) for view in views[1:]),

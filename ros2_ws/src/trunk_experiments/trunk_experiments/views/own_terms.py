@@ -37,17 +37,17 @@ class OwnTerm(NamedTuple):
 
 def own_terms(views: Sequence[RunView]) -> list[OwnTerm]:
     """Return the terms of laws that report no gains, in their order, each once."""
-    found: dict[str, OwnTerm] = {}
+    own: dict[str, OwnTerm] = {}
     for view in views:
         for controller in view.controllers:
             if controller in CONTROLLERS and not tells_gains(controller):
                 law = law_named(controller)
                 for name in law.terms._fields:
                     if name not in ("effort", "held"):
-                        found.setdefault(
+                        own.setdefault(
                             name, OwnTerm(name, _UNITS.get(name, law.units.get(name, "")))
                         )
-    return list(found.values())
+    return list(own.values())
 
 
 def tells_gains(controller: str) -> bool:
@@ -67,8 +67,8 @@ def values_of_term(view: RunView, term: OwnTerm) -> Floats:
     values: Floats = np.full(len(t_ns), np.nan)
     for controller in view.controllers:
         if controller in CONTROLLERS and term.name in law_named(controller).terms._fields:
-            told = view.run.joints(topics.controller_state(controller)).by_stamp()
-            if len(told) and term.name in told.names:
-                held = held_at(t_ns, told.stamp_ns, told.column("position", term.name))
+            states = view.run.joints(topics.controller_state(controller)).by_stamp()
+            if len(states) and term.name in states.names:
+                held = held_at(t_ns, states.stamp_ns, states.column("position", term.name))
                 values = np.where(np.isnan(values), held, values)
     return values

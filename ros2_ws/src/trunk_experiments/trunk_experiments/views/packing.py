@@ -50,15 +50,15 @@ def packed_columns(columns: Mapping[str, Floats], bits: int | None = None) -> Co
 
     The times ``t`` are always exact, so that a stamp can be found.
     """
-    found: Columns = {}
+    result: Columns = {}
     seen: dict[bytes, str] = {}
     for name, values in columns.items():
         earlier = seen.setdefault(np.ascontiguousarray(values, "<f8").tobytes(), name)
         if earlier == name:
-            found[name] = packed(values, None if name == "t" else bits)
+            result[name] = packed(values, None if name == "t" else bits)
         else:
-            found[name] = {"same": earlier}
-    return found
+            result[name] = {"same": earlier}
+    return result
 
 
 def _in_steps(data: Floats, bits: int) -> tuple[Integers, dict[str, float]] | None:

@@ -29,11 +29,11 @@ _NAMED_TURNS = 6  # more would overlap
 
 def with_doubts(name: str, view: RunView) -> str:
     """Return a run's name for the legend, with what makes it doubtful."""
-    found = doubts_of(view.run, twin=False)
-    late = f"{found.late} of {found.steps} steps late" if found.late else ""
-    words = ["incomplete" * bool(found.incomplete), "fell" * (found.fell_at_s is not None), late]
-    told = ", ".join(filter(None, words))
-    return f"{name} ({told})" if told else name
+    doubts = doubts_of(view.run, twin=False)
+    late = f"{doubts.late} of {doubts.steps} steps late" if doubts.late else ""
+    words = ["incomplete" * bool(doubts.incomplete), "fell" * (doubts.fell_at_s is not None), late]
+    notes = ", ".join(filter(None, words))
+    return f"{name} ({notes})" if notes else name
 
 
 def run_handles(names: Sequence[str]) -> list[Line2D | Patch]:
@@ -43,19 +43,19 @@ def run_handles(names: Sequence[str]) -> list[Line2D | Patch]:
 
 def context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2D | Patch]:
     """Return the legend's entries other than runs: the reference, its band, pulses, limits."""
-    found: list[Line2D | Patch] = [
+    handles: list[Line2D | Patch] = [
         Line2D([], [], color=REFERENCE, linewidth=1.0, linestyle=(0, (2, 2)), label="reference"),
         Patch(color=BAND, alpha=0.22, linewidth=0, label=f"reference ±{SETTLING_BAND_DEG:g}°"),
     ]
     if same_pulses(views):
-        found.append(Patch(color=PULSE, alpha=0.45, linewidth=0, label="pulse acts"))
+        handles.append(Patch(color=PULSE, alpha=0.45, linewidth=0, label="pulse acts"))
     if any(len(view.turns) > 1 for view in views):
-        found.append(Line2D([], [], label="another controller takes over", **TURN_LINE))
+        handles.append(Line2D([], [], label="another controller takes over", **TURN_LINE))
     if any(view.run.branch for view in views):
-        found.append(Line2D([], [], label="a branch begins", **BRANCH_LINE))
+        handles.append(Line2D([], [], label="a branch begins", **BRANCH_LINE))
     if limits and any(isfinite(bound) for view in views for bound in view.limits):
-        found.append(Line2D([], [], color=LIMIT, linewidth=1.0, label="torque limits"))
-    return found
+        handles.append(Line2D([], [], color=LIMIT, linewidth=1.0, label="torque limits"))
+    return handles
 
 
 def legend(
@@ -66,7 +66,7 @@ def legend(
     groups = [runs, context]
     if len(runs) == 1 and len(context) < _COLUMNS:
         groups, columns = [runs + context], 1 + len(context)
-    rows = [some[i : i + columns] for some in groups for i in range(0, len(some), columns)]
+    rows = [group[i : i + columns] for group in groups for i in range(0, len(group), columns)]
     blank = Line2D([], [], alpha=0.0, label=" ")
     filled = [row + [blank] * (columns - len(row)) for row in rows]
     # Matplotlib fills column by column.

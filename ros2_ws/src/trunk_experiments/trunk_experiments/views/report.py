@@ -108,10 +108,10 @@ def quantity_label(key: str) -> tuple[str, str]:
 
 
 def said_of(view: RunView) -> list[str]:
-    """Return what is wrong with a run: what `findings` finds, another robot, unusable parameters."""
-    found = [finding.describe() for finding in findings(view.run) if finding.severity != INFO]
-    found += [_NOT_OURS] if view.run.another_robot else []
-    return found + [w for w in view.warnings if w not in view.recording.warnings]
+    """Return the faults of a run: what `findings` finds, another robot, unusable parameters."""
+    faults = [finding.describe() for finding in findings(view.run) if finding.severity != INFO]
+    faults += [_NOT_OURS] if view.run.another_robot else []
+    return faults + [w for w in view.warnings if w not in view.recording.warnings]
 
 
 def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:

@@ -67,7 +67,7 @@ def _size(columns: Columns) -> int:
 
 
 def _columns(view: RunView, own: Sequence[OwnTerm]) -> dict[str, Floats]:
-    """Return what is shown of the states, by name; angles in degrees."""
+    """Return the columns shown of the states, by name; angles in degrees."""
     table = view.table
     # Another robot is drawn as a pendulum on a fixed pivot.
     x = np.zeros_like(table.x) if view.run.another_robot else table.x
@@ -121,7 +121,7 @@ def _fell(view: RunView) -> float | None:
 
 
 def pulse_text(pulse: Pulse) -> str:
-    """Return what a pulse does, as text: ``+100° on the measured angle``."""
+    """Return the effect of a pulse as text: ``+100° on the measured angle``."""
     where, unit = _CHANNELS[pulse.channel]
     value = degrees(pulse.magnitude) if unit == "°" else pulse.magnitude
     return f"{value:+.4g}{'' if unit == '°' else ' '}{unit} {where}"

@@ -42,12 +42,12 @@ def times_fired(errors: Floats, rates: Floats, rules: FuzzyRules) -> list[list[i
     ):
         fired = weights > 0.0
         np.add.at(counts, (rows[fired], columns[fired]), 1)
-    found: list[list[int]] = counts.tolist()
-    return found
+    table: list[list[int]] = counts.tolist()
+    return table
 
 
 def _located(values: Floats, peaks: Sequence[float]) -> tuple[Integers, Floats]:
-    """Return what `locate` returns, of all values at once."""
+    """Return the results of `locate` for all values at once."""
     at = np.asarray(peaks, np.float64)
     inside = np.where(values > at[0], np.minimum(values, at[-1]), at[0])  # NaN to the first peak
     low: Integers = np.minimum(np.searchsorted(at, inside, side="right") - 1, len(at) - 2)

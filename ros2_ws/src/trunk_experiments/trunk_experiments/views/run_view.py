@@ -66,7 +66,7 @@ class RunView:
 
     @classmethod
     def read(cls, run: RecordedRun) -> RunView:
-        """Return what can be shown of a run; ``warnings`` lists what cannot, besides what `Doubts` say.
+        """Return the view of a run; ``warnings`` lists what cannot, besides what `Doubts` say.
 
         Raises RecordingError if there are no true states, nor those of another robot.
         """
@@ -82,13 +82,13 @@ class RunView:
                 return None
 
         controllers = {
-            one: cast("ControllerConfig | None", config(one) if one in CONTROLLERS else None)
-            for one in run.controllers
+            node: cast("ControllerConfig | None", config(node) if node in CONTROLLERS else None)
+            for node in run.controllers
         }
-        fuzzy = [one for one, c in controllers.items() if isinstance(c, FuzzyPidConfig)]
+        fuzzy = [node for node, c in controllers.items() if isinstance(c, FuzzyPidConfig)]
         name = fuzzy[0] if fuzzy else run.recording.controller
-        for one in run.controllers:  # kept: the turns and the table of the run need them too
-            run.table(topics.controller_state(one))
+        for node in run.controllers:  # kept: the turns and the table of the run need them too
+            run.table(topics.controller_state(node))
         state = topics.controller_state(name) if name else ""
         disturbance = cast("DisturbanceConfig | None", config("disturbance"))
         acting = run.joints(topics.DISTURBANCE).by_stamp()

@@ -53,8 +53,8 @@ def as_values(
                 "asserts": check.asserts,
                 "kept": kept(findings),
                 "findings": [
-                    {key: value for key, value in finding._asdict().items() if key != "check"}
-                    for finding in findings
+                    {"function": f.function, "what": f.problem, "advice": f.advice, "note": f.note}
+                    for f in findings
                 ],
             }
             for check, findings in checked

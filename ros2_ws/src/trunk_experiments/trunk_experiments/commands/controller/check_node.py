@@ -93,7 +93,7 @@ def command(
                     "name": check.name,
                     "asserts": check.asserts,
                     "kept": not findings,
-                    "findings": [{"what": f.what, "advice": f.advice} for f in findings],
+                    "findings": [{"what": f.problem, "advice": f.advice} for f in findings],
                 }
                 for check, findings in checked
             ],
@@ -111,7 +111,7 @@ def command(
         )
         for check, findings in checked:
             for finding in findings:
-                click.echo(f"{check.name}: {finding.what}: {finding.advice}")
+                click.echo(f"{check.name}: {finding.problem}: {finding.advice}")
         states, commands = len(transcript.exchanges), len(transcript.commands)
         shown = ", ".join(f"{name} {value:.3g} ms" for name, value in latencies.items())
         click.echo(f"{commands} commands for {states} states; latency: {shown or 'not known'}")

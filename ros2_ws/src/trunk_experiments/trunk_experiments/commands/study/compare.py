@@ -184,7 +184,7 @@ def _by_metric(rows_of: Mapping[str, list[Row]]) -> list[Row]:
 
 
 def _fall_cells(fall: Falls) -> Row:
-    share = percent(fall.share.value) if fall.share.told else ""
+    share = percent(fall.share.value) if fall.share.known else ""
     fell, refused = f"{fall.fell} of {fall.runs}", f"{fall.refused} refused"
     return fall.controller, fell, share, fall.bounds, refused
 

@@ -165,12 +165,12 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
     from ...tuning.methods import relay, ziegler_nichols
 
     plan, plant = _linear("pid", options)
-    found = relay(plant._replace(c=damping * plant.b, lag=lag), amplitude)
+    oscillation = relay(plant._replace(c=damping * plant.b, lag=lag), amplitude)
     if not options["as_json"]:
-        show_relay(found)
-    gains = ziegler_nichols(found.gain, found.period)
+        show_relay(oscillation)
+    gains = ziegler_nichols(oscillation.gain, oscillation.period)
     drive = replace(plan.simulator, actuator_time_constant=lag, viscous_friction=damping)
-    finish(replace(plan, simulator=drive), gains, options, how={"relay": found._asdict()})
+    finish(replace(plan, simulator=drive), gains, options, how={"relay": oscillation._asdict()})
 
 
 @command.command("optimise")
