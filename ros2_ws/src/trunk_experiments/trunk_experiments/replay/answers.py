@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from math import nan
 
 import numpy as np
@@ -13,7 +14,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 
 from ..recorded.inputs import Bools
-from ..recorded.processes import Process
+from ..recorded.processes import Process, UnorderedError
 from ..recorded.run import RecordedRun
 from ..runs.states import TERMS
 from .checks import MISSING, UNEXPECTED, Check, ComparedColumn, Difference
@@ -166,3 +167,21 @@ def _anew(process: Process, period_ns: int) -> Iterator[int]:
         if begins or (joins and period_ns and (change.stamp_ns + 1) % period_ns == 0):
             yield change.stamp_ns
         active = change.event not in (Event.DEACTIVATED, Event.CLEANED_UP)
+
+
+def answers_of(
+    run: RecordedRun, processes: Sequence[Process], period_ns: int
+) -> tuple[dict[str, Answers], list[Check]]:
+    """Return the answers of each process by a label of its own, and the checks of those without order."""
+    answers: dict[str, Answers] = {}
+    refused: list[Check] = []
+    counts: Counter[str] = Counter()
+    for process in processes:
+        counts[process.node] += 1
+        number = counts[process.node]
+        label = process.node if number == 1 else f"{process.node}, process {number}"
+        try:
+            answers[label] = Answers(run, process, label, period_ns)
+        except UnorderedError as error:  # it was killed, say: the others can be judged
+            refused.append(Check(f"commands of {label}", reason=str(error)))
+    return answers, refused

@@ -10,7 +10,7 @@ missing, and no others.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -27,14 +27,13 @@ from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.plant import PlantState
 from trunk_sim.simulation import DivergedError
 from trunk_sim.step import Measurement, PlantStatus
 
 from ..plans.plan import RunPlan
 from ..recorded.inputs import Bools, RecordedInputs
 from ..recorded.joint_table import JointTable
-from ..recorded.processes import Process, UnorderedError
+from ..recorded.processes import Process
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, RecordSource, start_of
 from ..runs.loop import reading_of
@@ -51,14 +50,12 @@ from ..runs.states import (
     VELOCITY,
     States,
 )
-from .answers import Answers
+from .answers import answers_of
 from .checks import ACTIVE_CONTROLLERS, Check, ComparedColumn, Difference, references
+from .recorded_states import QUANTITIES, RecordedStates, six
 
-_QUANTITIES = ("position", "velocity", "effort")
-_FIELDS = tuple((quantity, joint) for quantity in _QUANTITIES for joint in (0, 1))
+_FIELDS = tuple((quantity, joint) for quantity in QUANTITIES for joint in (0, 1))
 _TRUTH = [0, 1, 2, 3, 5]  # of the six fields: without the hip's effort
-_MOST_GAPS = 1000
-_FAR = 100_000  # states beyond ten times those on record: no run has such a gap
 
 PLANT, SENSORS = "states of the plant", "measured states"
 NOBODYS = "commands without one active controller"
@@ -82,28 +79,15 @@ class Rerun:
         """Raise RecordingError and ParameterError for messages and parameters that cannot be used."""
         self.run = run
         self.simulator = simulator_of(run)
-        self._truth, self._measured = (
-            run.table(topic) for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES)
-        )
-        # Of the states in their table; None: all of them. Large arrays are not made twice.
-        alone = self.simulator.sent_all(self._truth)
-        self._rows = None if alone else self.simulator.rows(self._truth)
-        self._place_states()
-        self.inputs = RecordedInputs(run, self._stamps)
+        self._states = RecordedStates(run, self.simulator)
+        self.inputs = RecordedInputs(run, self.stamps)
         self.plant, self.sensors = Check(PLANT), Check(SENSORS)
         self.nobodys = Check(NOBODYS)
         laws = () if run.another_controller else run.judgeable
         processes = [p for name in laws for p in run.processes(name) if p.parameters]
-        self.answers: dict[str, Answers] = {}
-        self._refused: list[Check] = []
-        for label, process in _labelled(processes):
-            try:
-                period_ns = self.simulator.config.period_ns
-                self.answers[label] = Answers(run, process, label, period_ns)
-            except UnorderedError as error:  # it was killed, say: the others can be judged
-                self._refused.append(Check(f"commands of {label}", reason=str(error)))
+        period_ns = self.simulator.config.period_ns
+        self.answers, self._refused = answers_of(run, processes, period_ns)
         self._partial = self.inputs.recorded or run.sourced  # controllers did not get every state
-        self._fell = {e.stamp_ns for e in self.simulator.events if e.message == Event.FELL}
         self._marked = "fall.angle" in self.simulator.parameters
         self._commands = run.table(topics.EFFORT_COMMAND)
         # Turns by the schedule without their events: stamp, controller, True for active.
@@ -115,26 +99,15 @@ class Rerun:
         self.engine = Engine(plan, start_of(plan), record)
         self._wire = start_of(plan).wire
 
-    def _place_states(self) -> None:
-        """Find the states of one run: on the grid, ascending, without an impossible gap."""
-        period_ns = self.simulator.config.period_ns
-        stamps = self.simulator.stamps(self._truth)
-        odd = (stamps < 0) | (stamps % period_ns != 0)
-        odd[1:] |= np.diff(stamps) <= 0
-        index = stamps // period_ns
-        odd |= index > 10 * len(stamps) + _FAR
-        gaps = np.flatnonzero(np.diff(index) != 1)
-        odd[gaps[_MOST_GAPS:] + 1] = True
-        end = int(np.argmax(odd)) if odd.any() else len(stamps)
-        self.cut_ns: int | None = int(stamps[end]) if odd.any() else None
-        self._stamps, self._index = stamps[:end], index[:end]
-        begins = np.flatnonzero(np.diff(self._index, prepend=-2) != 1).tolist()
-        self.spans = list(zip(begins, [*begins[1:], end][: len(begins)], strict=True))
-
     @property
     def stamps(self) -> Integers:
         """The stamps of the states, ns [N]."""
-        return self._stamps
+        return self._states.stamps
+
+    @property
+    def cut_ns(self) -> int | None:
+        """The stamp of the first state that cannot be placed."""
+        return self._states.cut_ns
 
     @property
     def checks(self) -> list[Check]:
@@ -146,7 +119,7 @@ class Rerun:
     @cached_property
     def _plan(self) -> RunPlan:
         config: SimulatorConfig = self.simulator.config
-        last = int(self._index[-1]) if len(self._index) else 0
+        last = int(self._states.index[-1]) if len(self.stamps) else 0
         return RunPlan(
             scenario=self.run.recording.provenance.get("scenario", ""),
             simulator=replace(config, duration=seconds(last * config.period_ns)),
@@ -162,10 +135,10 @@ class Rerun:
 
     def compare(self, until_ns: int | None = None) -> None:
         """Run, and compare, up to a stamp, or to the end."""
-        for begin, end in self.spans:
+        for begin, end in self._states.spans:
             stop = end
             if until_ns is not None:
-                stop = begin + int(np.searchsorted(self._stamps[begin:end], until_ns, "right"))
+                stop = begin + int(np.searchsorted(self.stamps[begin:end], until_ns, "right"))
             if stop > begin:
                 self._compare_span(begin, stop)
             if stop < end:
@@ -173,12 +146,12 @@ class Rerun:
 
     def _compare_span(self, begin: int, end: int) -> None:
         self._span = begin, end
-        index = int(self._index[begin])
+        index = int(self._states.index[begin])
         if begin or index:
             self._jump(begin, index)
             for answers in self.answers.values():
                 answers.lose()
-        stop = int(self._index[end - 1]) + 1
+        stop = int(self._states.index[end - 1]) + 1
         while True:
             try:
                 for states in self.engine.states(stop):
@@ -192,27 +165,24 @@ class Rerun:
                 self._jump(row, self.engine.index)
 
     def _note_divergence(self, row: int) -> None:
-        angle = float(self._states(row, row + 1)[0, 1])
-        stamp_ns = int(self._stamps[row])
+        angle = float(self._states.true(row, row + 1)[0, 1])
+        stamp_ns = int(self.stamps[row])
         self.plant.note(
-            Difference(stamp_ns, self._truth.topic, "position[finite]", angle, float("nan"))
+            Difference(stamp_ns, topics.GROUND_TRUTH, "position[finite]", angle, float("nan"))
         )
 
     def _jump(self, row: int, index: int) -> None:
-        values = self._states(row, row + 1)[0].tolist()
-        stamp_ns = int(self._stamps[row])
-        fallen = any(fell_ns < stamp_ns for fell_ns in self._fell)
-        self.engine.jump(index, PlantState(*values[:4]), values[5], fallen)
+        self.engine.jump(index, *self._states.plant_state(row))
 
     def run_to(self, label: str, stamp_ns: int) -> bool:
         """Run up to the state before a stamp; return True if the controller's memory is then known."""
         self.compare(stamp_ns - 1)
         index = stamp_ns // self.simulator.config.period_ns
         if self.engine.index != index:  # states before it are missing
-            row = int(np.searchsorted(self._stamps, stamp_ns))
-            if row == len(self._stamps) or self._stamps[row] != stamp_ns:
+            row = self._states.row_at(stamp_ns)
+            if row is None:
                 return False
-            self._span = next(span for span in self.spans if span[0] <= row < span[1])
+            self._span = next(span for span in self._states.spans if span[0] <= row < span[1])
             self._jump(row, index)
             self.answers[label].lose()
         self.engine.take_effect()
@@ -220,11 +190,11 @@ class Rerun:
 
     def reading(self, label: str, stamp_ns: int) -> Reading | None:
         """Return a measured state as a controller reads it; None if it is not on record."""
-        values = six(self._measured, self._measured.rows_of(np.array([stamp_ns])))[0]
+        values = self._states.measurements(np.array([stamp_ns]))[0]
         if np.isnan(values[0]):
             return None
         answers = self.answers[label]
-        hip = hip_index(answers.process.config, self._measured.names)
+        hip = hip_index(answers.process.config, self._states.measured.names)
         measured = Measurement(*values[:4].tolist())
         place = -1 if hip is None else hip
         reference = answers.reference(stamp_ns)
@@ -232,25 +202,20 @@ class Rerun:
 
     def acting_at(self, stamp_ns: int) -> Disturbance:
         """Return the disturbance in force in a state; none in a state that is not on record."""
-        row = int(np.searchsorted(self._stamps, stamp_ns))
-        if row == len(self._stamps) or self._stamps[row] != stamp_ns:
+        row = self._states.row_at(stamp_ns)
+        if row is None:
             return Disturbance()
         return Disturbance(*self.inputs.over(slice(row, row + 1)).disturbance[0].tolist())
-
-    def _states(self, first: int, stop: int) -> Floats:
-        """Return positions, velocities and efforts of some of the states [n, 6]."""
-        rows = np.arange(first, stop) if self._rows is None else self._rows[first:stop]
-        return six(self._truth, rows)
 
     # The schedule of the loop.
 
     def _given(self, first: int, stop: int) -> Schedule:
         """Return the record of the states with indices in [first, stop), which are all there."""
-        begin = self._span[0] + first - int(self._index[self._span[0]])
+        begin = self._span[0] + first - int(self._states.index[self._span[0]])
         rows = slice(begin, begin + stop - first)
-        stamps = self._stamps[rows]
-        truth = self._states(begin, begin + stop - first)
-        measured = six(self._measured, self._measured.rows_of(stamps))
+        stamps = self.stamps[rows]
+        truth = self._states.true(begin, begin + stop - first)
+        measured = self._states.measurements(stamps)
         force = self.inputs.over(rows)
         terms = [answers.terms_at(stamps) for answers in self.answers.values()]
         commands = self._commands.rows_of(stamps)
@@ -271,10 +236,11 @@ class Rerun:
 
     def _seen(self, label: str, stamp_ns: int) -> float | None:
         """Return the angle that a controller saw at a stamp, rad."""
-        if stamp_ns not in self._measured:
+        measured = self._states.measured
+        if stamp_ns not in measured:
             return None
         config: ControllerConfig = self.answers[label].process.config
-        return self._measured.get(stamp_ns, "position")[self._measured.index(config.joint)]
+        return measured.get(stamp_ns, "position")[measured.index(config.joint)]
 
     # The comparison.
 
@@ -288,7 +254,7 @@ class Rerun:
             window.commands[:count],
             [(there[:count], values[:count]) for there, values in window.terms],
         )
-        begin = self._span[0] + states.first - int(self._index[self._span[0]])
+        begin = self._span[0] + states.first - int(self._states.index[self._span[0]])
         rows = np.arange(begin, begin + count)
         self._take_plant(states, window, rows)
         self._take_sensors(states, window, rows)
@@ -300,32 +266,32 @@ class Rerun:
     def _take_plant(self, states: States, window: _Window, rows: Integers) -> None:
         judged = self._follows(rows)
         computed = _computed(states.table, POSITION, VELOCITY, APPLIED)
-        columns = self._columns(self._truth, window.truth, computed)
+        columns = self._columns(self._states.truth, window.truth, computed)
         if self._marked:
             falls = np.zeros(len(rows))
             falls[states.falls] = 1.0
-            recorded_falls = np.isin(window.stamps, list(self._fell)).astype(float)
+            recorded_falls = self._states.falls(window.stamps)
             columns.append(
                 ComparedColumn(topics.RUN_EVENTS, str(Event.FELL), recorded_falls, falls)
             )
         self.plant.take(window.stamps, judged, columns)
 
     def _take_sensors(self, states: States, window: _Window, rows: Integers) -> None:
-        if not len(self._measured):
+        if not len(self._states.measured):
             self.sensors.unjudged += len(rows)
             return
         judged = ~np.isnan(window.measured[:, 0]) & self._is_seen(rows)
         computed = _computed(states.table, SEEN_POSITION, SEEN_VELOCITY, SEEN_APPLIED)
-        columns = self._columns(self._measured, window.measured, computed)
+        columns = self._columns(self._states.measured, window.measured, computed)
         self.sensors.take(window.stamps, judged, columns)
 
     def check_state(self, trunk: PlantStatus, stamp_ns: int) -> Check:
         """Compare a true state on record with a computed one."""
         check, stamps = Check(PLANT), np.array([stamp_ns])
-        recorded = six(self._truth, self._truth.rows_of(stamps))
+        recorded = six(self._states.truth, self._states.truth.rows_of(stamps))
         x, theta, x_dot, theta_dot = trunk.state
         computed = np.array([[x, theta, x_dot, theta_dot, 0.0, trunk.effort]])
-        check.take(stamps, np.ones(1, bool), self._columns(self._truth, recorded, computed))
+        check.take(stamps, np.ones(1, bool), self._columns(self._states.truth, recorded, computed))
         return check
 
     def _columns(
@@ -348,25 +314,27 @@ class Rerun:
         if self._wire is None:
             known = known & self.inputs.command_known[before]
         else:
-            used = self._row_of(self._wire.used[self._index[before]])
+            used = self._row_of(self._wire.used[self._states.index[before]])
             there = (used >= self._span[0]) & self.inputs.command_known[np.maximum(used, 0)]
-            known = known & (there | (self._wire.used[self._index[before]] < 0))
-        known[first] = self._index[rows[first]] == 0
+            known = known & (there | (self._wire.used[self._states.index[before]] < 0))
+        known[first] = self._states.index[rows[first]] == 0
         return known
 
     def _is_seen(self, rows: Integers) -> Bools:
         """Return for which states all that their measurement is made of is on record."""
-        source = rows if self._wire is None else self._row_of(self._wire.seen[self._index[rows]])
+        source = (
+            rows if self._wire is None else self._row_of(self._wire.seen[self._states.index[rows]])
+        )
         inside = source >= self._span[0]
         oldest = source - self.simulator.config.delay_steps
-        if self._index[self._span[0]] > 0:
+        if self._states.index[self._span[0]] > 0:
             inside &= oldest >= self._span[0]
         known: Bools = inside & self.inputs.disturbance_known[np.maximum(source, 0)]
         return known
 
     def _row_of(self, index: Integers) -> Integers:
         """Return the rows of states of the same span, by their indices."""
-        return index - int(self._index[self._span[0]]) + self._span[0]
+        return index - int(self._states.index[self._span[0]]) + self._span[0]
 
     def _take_answers(self, states: States, window: _Window) -> None:
         table, commands = states.table, self._commands
@@ -412,26 +380,6 @@ def simulator_of(run: RecordedRun) -> Process:
     return (started or processes)[0]
 
 
-def six(table: JointTable, rows: Integers) -> Floats:
-    """Return positions, velocities and efforts of two joints [n, 6] in these rows, NaN in row -1."""
-    values = np.full((len(rows), 6), np.nan)
-    there = rows >= 0
-    if not there.any():
-        return values
-    at = rows if there.all() else rows[there]
-    for i, quantity in enumerate(_QUANTITIES):
-        values[there, 2 * i : 2 * i + 2] = table.columns(quantity, 2)[at]
-    return values
-
-
 def _computed(table: Floats, position: slice, velocity: slice, effort: int) -> Floats:
     zeros = np.zeros((len(table), 1))
     return np.hstack([table[:, position], table[:, velocity], zeros, table[:, effort, None]])
-
-
-def _labelled(processes: Sequence[Process]) -> Iterator[tuple[str, Process]]:
-    """Yield each process with a name of its own."""
-    counts: dict[str, int] = {}
-    for process in processes:
-        number = counts[process.node] = counts.get(process.node, 0) + 1
-        yield process.node if number == 1 else f"{process.node}, process {number}", process
