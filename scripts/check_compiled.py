@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 
 from trunk_experiments.batch.check import first_difference
-from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
 

@@ -6,7 +6,7 @@ from math import pi
 
 import pytest
 
-from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.steps import steps
 from trunk_experiments.tuning.linear import linearise

@@ -11,8 +11,8 @@ import pytest
 import trunk_experiments.api as trunk
 from trunk_experiments.batch.block import key_of, regular_run, run_block, summaries, summary_of
 from trunk_experiments.batch.check import first_difference
-from trunk_experiments.batch.closed_loop import Batch
 from trunk_experiments.batch.columns import LANES
+from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.batch.lanes import TRACED
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import make_plan

@@ -181,7 +181,7 @@ def test_sensors_and_drive(seed):
     )
     assert near(read.theta) == (evaluated(blocks("Sensors")[0], numbers)["theta_m_k"],)
 
-    positive = ("d", "q", "u_max", "r", "h", "T", "c_v", "c_c")
+    positive = ("d", "q", "tau_max", "r", "h", "T", "c_v", "c_c")
     numbers = dict(zip(positive, rng.uniform(0.1, 2.0, 8).tolist(), strict=True))
     signed = ("u", "b", "tau_k_1", "tau_d", "theta_dot")
     numbers |= dict(zip(signed, rng.uniform(-3.0, 3.0, 5).tolist(), strict=True))

@@ -29,7 +29,7 @@ _PID = (
     *_in(CONTROL, "pid", "pid_reconfigure", "pid_antiwindup", "extreme_numbers", "pid_loop"),
     *("-k", "not every_command"),  # a minute, over four laws
 )
-_LOOP = (*_in(EXPERIMENTS, "closed_loop"), "tests/test_turns.py")
+_LOOP = (*_in(EXPERIMENTS, "compiled_run"), "tests/test_turns.py")
 _VERIFY = ("tests/verify", "tests/test_turns.py", "-k", "not compiled")
 
 MODULES = {

@@ -11,7 +11,7 @@ import pytest
 
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.batch.check import first_difference
-from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.branching.branch import Branch
 from trunk_experiments.branching.change import branched
 from trunk_experiments.branching.record import record_branch

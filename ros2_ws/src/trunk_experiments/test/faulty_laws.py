@@ -259,7 +259,7 @@ def forgets_its_command(memory, sample, constants, limits):
     return (after, terms) if terms.held else (after._replace(effort=0.5 * terms.effort), terms)
 
 
-@planted("takeover")
+@planted("transfer")
 def jumps_at_a_takeover(memory, sample, constants, limits):
     wide = limits._replace(u_min=-30.0, u_max=30.0)  # its own, not those given
     return honest(memory, sample, constants, wide)
@@ -269,7 +269,7 @@ def _from_nothing(memory: Memory, sample: Sample, before: Any, after: Any) -> Me
     return memory if before == after else Memory(-10.0, 0.0)
 
 
-@planted("retune", reconfigure=_from_nothing)
+@planted("reconfigure", reconfigure=_from_nothing)
 def jumps_at_new_parameters(memory, sample, constants, limits):
     return honest(memory, sample, constants, limits)
 
@@ -278,7 +278,7 @@ def _forgets(memory: Memory, sample: Sample, before: Any, after: Any) -> Memory:
     return Memory()
 
 
-@planted("retune", reconfigure=_forgets)
+@planted("reconfigure", reconfigure=_forgets)
 def forgets_at_new_parameters(memory, sample, constants, limits):
     return honest(memory, sample, constants, limits)
 

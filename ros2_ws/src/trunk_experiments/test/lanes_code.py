@@ -17,7 +17,7 @@ from trunk_msgs_util.compiled import compiled
 name = sys.argv[1]
 run = block.regular_run(make_plan("fig8", name))
 example = run.common._replace(
-    **{part: block.shared(getattr(run.common, part)) for part in ("plant", "law", "constants")}
+    **{part: block.shared(getattr(run.common, part)) for part in ("plant", "limits", "constants")}
 )
 loop = lanes_loop(law_named(name), example)
 compiled(loop)  # registers what it calls

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.tuning.floquet import floquet
 

@@ -12,7 +12,7 @@ from scipy.linalg import expm
 
 from trunk_control.lqr import LqrConfig
 from trunk_control.pid import Gains, PidConfig
-from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.steps import steps

@@ -10,7 +10,7 @@ import yaml
 
 import trunk_experiments.api as trunk
 from trunk_experiments.batch.check import first_difference
-from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.live.parameters import planned_names, with_numbers
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan

@@ -125,18 +125,18 @@ def equations_of_motion(
         curvature += added[2]
     moment = body.trunk_mass * body.length
     a22 = moment * body.length
-    fall = curvature * x_dot * x_dot + body.gravity
+    effective_gravity = curvature * x_dot * x_dot + body.gravity
     mass = body.hip_mass + body.trunk_mass
-    stretch = 1.0 + slope * slope
+    arc = 1.0 + slope * slope
     normal = sin_theta + slope * cos_theta
     return (
-        mass * stretch,
+        mass * arc,
         moment * (cos_theta - slope * sin_theta),
         a22,
-        moment * normal * theta_dot * theta_dot - mass * slope * fall,
-        moment * sin_theta * fall,
+        moment * normal * theta_dot * theta_dot - mass * slope * effective_gravity,
+        moment * sin_theta * effective_gravity,
         # (cos - y' sin)^2 + (sin + y' cos)^2 = 1 + y'^2
-        a22 * (body.hip_mass * stretch + body.trunk_mass * normal * normal),
+        a22 * (body.hip_mass * arc + body.trunk_mass * normal * normal),
     )
 
 

@@ -27,8 +27,8 @@ from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..runs.loop_inputs import check_compilable
 from .cells import LEFT, MEMORY, PARAMETERS, STATE, SUMS
-from .closed_loop import Batch
 from .columns import LANES, in_common, row_values, shared
+from .compiled_run import Batch
 from .lanes import Common, LaneSeries, fill_disturbances, fill_references, lanes_loop
 
 ENOUGH = 4  # runs: a block of lanes takes about as long
@@ -130,7 +130,7 @@ def regular_run(plan: RunPlan) -> Regular | None:
         seconds(every * simulator.period_ns),
         steady_from(seconds((states - 1) * simulator.period_ns)),
     )
-    records = common.plant, common.sensor, common.law, common.constants
+    records = common.plant, common.sensor, common.limits, common.constants
     return Regular(
         common,
         [number for record in records for number in row_values(record)],
@@ -145,7 +145,7 @@ def regular_run(plan: RunPlan) -> Regular | None:
 def key_of(regular: Regular) -> Any:
     """Return a key that is the same for all runs in a block."""
     c = regular.common
-    records = (in_common(record) for record in (c.plant, c.sensor, c.law, c.constants))
+    records = (in_common(record) for record in (c.plant, c.sensor, c.limits, c.constants))
     return (*records, c[4:], regular.signals is None, regular.seed is None)
 
 
@@ -158,7 +158,7 @@ def run_block(
     """
     common = runs[0].common
     shape = common._replace(
-        plant=shared(common.plant), law=shared(common.law), constants=shared(common.constants)
+        plant=shared(common.plant), limits=shared(common.limits), constants=shared(common.constants)
     )
     numbers, lookup = len(runs[0].numbers), law_named(name).lookup
     tables = 0 if lookup is None else len(lookup.kind._fields)

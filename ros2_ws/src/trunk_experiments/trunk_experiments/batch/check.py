@@ -14,8 +14,8 @@ from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..runs.steps import Step, steps
 from .block import regular_run, run_block, summary_of
-from .closed_loop import Batch, Outcome, gains_of
 from .columns import LANES
+from .compiled_run import Batch, Outcome, gains_of
 from .lanes import TRACED
 
 

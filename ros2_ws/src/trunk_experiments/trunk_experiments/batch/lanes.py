@@ -1,11 +1,11 @@
 """Many runs at a time as one loop over pure functions: a lane per run, the innermost loops over lanes.
 
 LLVM turns the innermost loops into vector instructions, in which every lane does the very operations of
-the scalar functions: the bits are those of `closed_loop`, however wide the vectors are.
+the scalar functions: the bits are those of `compiled_run`, however wide the vectors are.
 
 A lane handles only a run's regular course: one controller, always active, whose law always has an answer. A
 lane that meets anything else (its plant diverges, its trunk falls and that ends the run, its law holds)
-is marked as left, and `closed_loop` computes its run.
+is marked as left, and `compiled_run` computes its run.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from .cells import (
     SEEN,
     STATE,
     TORQUE,
-    TURNING,
+    TOTAL_TORQUE,
     WANTED,
     acting_at,
     keep_four,
@@ -66,7 +66,7 @@ class Common(NamedTuple):
 
     plant: Plant
     sensor: SensorParameters
-    law: Limits
+    limits: Limits
     constants: Constants
     hip: int  # 0: the hip's motion, 1: the trunk's, -1: none
     states: int
@@ -99,7 +99,7 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
     update = law.update
     read_plant, row = reader_of(example.plant, PARAMETERS)
     read_sensor, row = reader_of(example.sensor, row)
-    read_law, row = reader_of(example.law, row)
+    read_law, row = reader_of(example.limits, row)
     read_constants, row = reader_of(example.constants, row)
     look_up, read_near = looked_up(law.lookup, read_constants, read_law, row)
 
@@ -136,7 +136,7 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                         memory_at(cells, lane, started),
                         sample_at(cells, lane, dt),
                         read_near(cells, lane, c.constants),
-                        read_law(cells, lane, c.law),
+                        read_law(cells, lane, c.limits),
                     )
                     keep_memory(after, cells, lane)
                     left = cells[LEFT * LANES + lane]
@@ -152,7 +152,7 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                 torque = torque_of(before, command, plant)
                 cells[TORQUE * LANES + lane] = torque
                 turning = torque_on(state, torque, acting_at(cells, lane), plant)
-                cells[TURNING * LANES + lane] = turning
+                cells[TOTAL_TORQUE * LANES + lane] = turning
                 sums = with_row(
                     sums_at(cells, lane),
                     t,
@@ -171,7 +171,7 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                     state = rk4_step(
                         state_at(cells, STATE, lane),
                         acting.hip_force,
-                        cells[TURNING * LANES + lane],
+                        cells[TOTAL_TORQUE * LANES + lane],
                         h,
                         read_plant(cells, lane, c.plant).body,
                     )
@@ -200,7 +200,7 @@ def looked_up(
             a, b = inputs(
                 memory_at(cells, lane, started),
                 sample_at(cells, lane, dt),
-                read_law(cells, lane, c.law),
+                read_law(cells, lane, c.limits),
             )
             inside = within(a, b, read_cell(cells, lane, none_in_common))
             cells[INPUTS * LANES + lane] = a

@@ -17,8 +17,8 @@ import numpy as np
 from trunk_control.laws import law_named
 
 from ..batch.block import regular_run, run_block, summaries, summary_of
-from ..batch.closed_loop import Batch
 from ..batch.columns import LANES
+from ..batch.compiled_run import Batch
 from ..batch.workers import worker_pool
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan

@@ -21,7 +21,7 @@ from trunk_control.law import Sample
 from trunk_control.pid_family import PidState
 
 from ..batch.block import summaries
-from ..batch.closed_loop import Batch
+from ..batch.compiled_run import Batch
 from ..errors import BenchError
 from ..plans.plan import RunPlan
 from .core import BenchRow, library

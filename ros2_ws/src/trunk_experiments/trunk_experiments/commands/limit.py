@@ -1,4 +1,4 @@
-"""``trunk limit``: the greatest value of a parameter that a controller stands."""
+"""``trunk limit``: the greatest value of a parameter that a controller withstands."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ def command(
 ) -> None:
     """Find the greatest value of a parameter with which the trunk of SCENARIO stays up: bisection.
 
-    Up to it every tried value stands. With --study, print the share of its runs that stand each value, with
-    95 % intervals. A run stands if the trunk stays within 90 degrees.
+    Up to it every tried value stands. With --study, print the share of its runs that withstand each value,
+    with 95 % intervals. A run stands if the trunk stays within 90 degrees.
     """
     if (scenario is None) == (study is None):
         raise PlanError("give a SCENARIO, or --study STUDY")

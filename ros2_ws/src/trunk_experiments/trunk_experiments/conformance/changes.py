@@ -51,7 +51,7 @@ def transfers(law: Law) -> Iterator[LawFinding]:
             )
             if abs(answer.effort - last) > step * (1.0 + 1e-12):
                 yield LawFinding(
-                    "takeover",
+                    "transfer",
                     name_of(law.transfer),
                     f"from {last:g} N m its command is {answer.effort!r} N m, one step may be {step:g} N m",
                     "keep to the limits given, which are narrowed during a bumpless transfer",
@@ -71,7 +71,7 @@ def reconfigures(law: Law) -> Iterator[LawFinding]:
     same = law.reconfigure(driven.memory, steady(1)[0], driven.constants, driven.constants)
     if repr(same) != repr(driven.memory):
         yield LawFinding(
-            "retune",
+            "reconfigure",
             where,
             f"unchanged constants change the memory from {driven.memory!r} to {same!r}",
             "return the memory",
@@ -94,7 +94,7 @@ def reconfigures(law: Law) -> Iterator[LawFinding]:
         )
         if not taken <= left * (1.0 + 1e-9) + 1e-9:
             yield LawFinding(
-                "retune",
+                "reconfigure",
                 where,
                 f"{name} = {1.25 * value:g} moves the command by {taken:.3g} N m at once, "
                 f"by {left:.3g} N m with the memory left alone",

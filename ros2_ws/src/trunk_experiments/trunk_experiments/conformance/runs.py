@@ -49,7 +49,7 @@ def recomputes(law: Law) -> Iterator[LawFinding]:
 def compiles(law: Law) -> Iterator[LawFinding]:
     """Yield a finding where compiled code differs from CPython; note what numba refuses."""
     from ..batch.check import first_difference
-    from ..batch.closed_loop import Batch
+    from ..batch.compiled_run import Batch
 
     plan, update = short_plan(law), name_of(law.update)
     with warnings.catch_warnings(record=True) as caught:
@@ -78,7 +78,7 @@ def compiles(law: Law) -> Iterator[LawFinding]:
 
 
 def _seconds(plan: RunPlan) -> float:
-    from ..batch.closed_loop import Batch
+    from ..batch.compiled_run import Batch
 
     batch = Batch()
     batch.run(plan)

@@ -50,7 +50,7 @@ class Episodes:
         self.course = Course(
             pruned(common.plant),
             common.sensor,
-            common.law,
+            common.limits,
             task.by_gains,
             common.update_every,
             common.states - 1,

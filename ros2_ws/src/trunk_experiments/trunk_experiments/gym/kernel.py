@@ -33,8 +33,8 @@ REWARD = BEFORE + 4
 FELL = REWARD + 1
 DIVERGED = FELL + 1
 OVER = DIVERGED + 1
-TURNING = OVER + 1  # N m, the total torque on the trunk over the period
-ROWS = TURNING + 1
+TOTAL_TORQUE = OVER + 1  # N m, the total torque on the trunk over the period
+ROWS = TOTAL_TORQUE + 1
 
 OBSERVED = 5  # numbers of an observation
 
@@ -44,7 +44,7 @@ class Course(NamedTuple):
 
     plant: Plant
     sensor: SensorParameters
-    law: Limits
+    limits: Limits
     by_gains: bool
     every: int  # the plant's periods in a step
     last: int  # the last state's number
@@ -99,14 +99,14 @@ def advance(
                 cells[TORQUE * LANES + lane] = torque
                 start = state_at(cells, STATE, lane)
                 turning = torque_on(start, torque, acting_at(cells, lane), c.plant)
-                cells[TURNING * LANES + lane] = turning
+                cells[TOTAL_TORQUE * LANES + lane] = turning
             for _ in range(c.plant.substeps):
                 for lane in range(LANES):
                     acting = acting_at(cells, lane)
                     state = rk4_step(
                         state_at(cells, STATE, lane),
                         acting.hip_force,
-                        cells[TURNING * LANES + lane],
+                        cells[TOTAL_TORQUE * LANES + lane],
                         h,
                         c.plant.body,
                     )
@@ -119,7 +119,7 @@ def command(c: Course, cells: Floats) -> None:
     """Write the commands that a block's actions stand for."""
     if not c.by_gains:
         for lane in range(LANES):
-            cells[COMMAND * LANES + lane] = limited(cells[ACTION * LANES + lane], c.law)
+            cells[COMMAND * LANES + lane] = limited(cells[ACTION * LANES + lane], c.limits)
         return
     for lane in range(LANES):
         state, terms = pid_update(
@@ -140,7 +140,7 @@ def command(c: Course, cells: Floats) -> None:
                 cells[(ACTION + 1) * LANES + lane],
                 cells[(ACTION + 2) * LANES + lane],
             ),
-            c.law,
+            c.limits,
         )
         cells[PID * LANES + lane] = state.integral
         cells[(PID + 1) * LANES + lane] = state.error

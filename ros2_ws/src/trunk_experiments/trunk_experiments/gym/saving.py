@@ -87,7 +87,7 @@ class _Policy:
     def __init__(self, task: Task) -> None:
         self._task = task
         common = task.regular.common
-        self._law = common.law
+        self._limits = common.limits
         self._state = PidState(effort=task.regular.effort)
         self._dt, self._later = common.first_dt, common.dt
 
@@ -99,10 +99,10 @@ class _Policy:
         terms: LawTerms
         if self._task.by_gains:
             self._state, terms = pid_update(
-                self._state, reference, angle, rate, self._dt, Gains(*given), self._law
+                self._state, reference, angle, rate, self._dt, Gains(*given), self._limits
             )
         else:
-            effort = limited(given[0], self._law)
+            effort = limited(given[0], self._limits)
             terms = TorqueTerms(reference - angle, given[0], effort, False)
         self._dt = self._later
         return Output(True, terms.effort, True, False, reference, terms)

@@ -8,7 +8,7 @@ from math import isinf
 from pathlib import Path
 from typing import Any
 
-from ..batch.closed_loop import Batch
+from ..batch.compiled_run import Batch
 from ..plans.plan import make_plan
 from .claims import CLAIMS, ClaimVerdict, judge
 from .errata import ERRATA, Erratum

@@ -24,7 +24,7 @@ class Answers:
     """A controller's process in a run, and the check of its commands and terms."""
 
     def __init__(self, run: RecordedRun, process: Process, label: str, period_ns: int) -> None:
-        """``period_ns``: the plant's; 0: it is another robot.
+        """``period_ns``: the plant's; 0 for another robot.
 
         Raises UnorderedError, and RecordingError for other messages.
         """

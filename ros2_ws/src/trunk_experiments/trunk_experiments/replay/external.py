@@ -1,4 +1,4 @@
-"""What is known of a command of somebody else's controller: no law of its, but the plant's inputs."""
+"""The evidence for a command of a foreign controller: not its law, but the inputs of the plant."""
 
 from __future__ import annotations
 

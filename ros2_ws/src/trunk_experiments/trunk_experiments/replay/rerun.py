@@ -58,7 +58,7 @@ _FIELDS = tuple((quantity, joint) for quantity in QUANTITIES for joint in (0, 1)
 _TRUTH = [0, 1, 2, 3, 5]  # of the six fields: without the hip's effort
 
 PLANT, SENSORS = "states of the plant", "measured states"
-NOBODYS = "commands without one active controller"
+UNATTRIBUTED = "commands without one active controller"
 
 
 class _Window(NamedTuple):
@@ -82,7 +82,7 @@ class Rerun:
         self._states = RecordedStates(run, self.simulator)
         self.inputs = RecordedInputs(run, self.stamps)
         self.plant, self.sensors = Check(PLANT), Check(SENSORS)
-        self.nobodys = Check(NOBODYS)
+        self.unattributed = Check(UNATTRIBUTED)
         laws = () if run.another_controller else run.judgeable
         processes = [p for name in laws for p in run.processes(name) if p.parameters]
         period_ns = self.simulator.config.period_ns
@@ -112,9 +112,9 @@ class Rerun:
     @property
     def checks(self) -> list[Check]:
         """All checks of what was run so far."""
-        nobodys = [self.nobodys] if self.nobodys.steps else []
+        unattributed = [self.unattributed] if self.unattributed.steps else []
         answers = (answers.check for answers in self.answers.values())
-        return [*answers, *self._refused, *nobodys, self.sensors, self.plant]
+        return [*answers, *self._refused, *unattributed, self.sensors, self.plant]
 
     @cached_property
     def _plan(self) -> RunPlan:
@@ -370,7 +370,7 @@ class Rerun:
     def _note_turns(self, stamps: Integers, odd: Bools, active: Integers) -> None:
         for row in np.flatnonzero(odd).tolist():
             count = float(int(active[row]).bit_count())
-            self.nobodys.note(Difference(int(stamps[row]), "", ACTIVE_CONTROLLERS, count, 1.0))
+            self.unattributed.note(Difference(int(stamps[row]), "", ACTIVE_CONTROLLERS, count, 1.0))
 
 
 def simulator_of(run: RecordedRun) -> Process:

@@ -157,7 +157,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     for answers in rerun.answers.values():
         if answers.process.node in restarted:
             answers.check.excuse(restarted[answers.process.node])
-    settle(run, rerun.simulator, [rerun.plant, rerun.sensors, rerun.nobodys])
+    settle(run, rerun.simulator, [rerun.plant, rerun.sensors, rerun.unattributed])
     for process in run.processes("disturbance") if run.count(topics.DISTURBANCE) else ():
         if process.parameters and len(process.stamps(run.table(topics.DISTURBANCE))):
             check = check_disturbances(run, process)
@@ -213,7 +213,7 @@ def _rivals(run: RecordedRun, rerun: Rerun) -> str:
         return ""
     stamps = np.sort(run.table(topics.EFFORT_COMMAND).stamp_ns)
     twice = stamps[1:][np.diff(stamps) == 0][:1].tolist()
-    twice += [d.stamp_ns for d in rerun.nobodys.first if d.recorded > 1.0]
+    twice += [d.stamp_ns for d in rerun.unattributed.first if d.recorded > 1.0]
     if not twice:
         return ""
     return f"two controllers, or one that was restarted, from t = {seconds(min(twice)):g} s on"
@@ -322,7 +322,7 @@ def _span(run: RecordedRun, rerun: Rerun) -> str:
 
 
 def _strangers(run: RecordedRun) -> list[str]:
-    """Return of which inputs of the plant no law is known: no node of ours sent them."""
+    """Return the inputs of the plant that no node of ours sent, so that no law is known for them."""
     lines = []
     taken = {topics.EFFORT_COMMAND} if run.external else set()  # they have a row of their own
     for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE):

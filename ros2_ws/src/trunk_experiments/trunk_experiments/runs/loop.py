@@ -1,8 +1,9 @@
-"""The closed loop: the only loop over the nodes' pure functions, in segments of consecutive states.
+"""The closed loop over the nodes' pure functions, in segments of consecutive states.
 
 It composes `sense`, `decide` and `act` and adds no arithmetic. What it does not compute, it takes from a
 `Schedule`: pushes and references from outside, or a recording's states, commands and disturbances, where
 a run is verified. CPython runs the loop as it is, and numba compiles it unchanged.
+The lanes of a batch and the environments compose the same functions side by side, held to the same bits.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from ..plans.plan import RunPlan
 from .loop import LoopState, Surroundings, segment_of
 from .loop_inputs import for_compiler, participants_of
 from .schedule import Schedule
-from .states import keep_states, tell_terms
+from .states import keep_states, write_terms
 
 
 class SegmentInputs(NamedTuple):
@@ -51,7 +51,7 @@ def _plain_code(plan: RunPlan, controllers: Sequence[Controller]) -> Code:
     """Return the loop in CPython; in a long run, as where numba refuses a law, at least `act` is compiled."""
     step = act_for(plan.simulator)
     laws = [controller.law for controller in controllers]
-    segment = segment_of(*laws, keep=keep_states, tell=tell_terms, act=step)
+    segment = segment_of(*laws, keep=keep_states, tell=write_terms, act=step)
 
     def code(first: int, stop: int, inputs: SegmentInputs) -> tuple[int, int, LoopState]:
         surroundings, state, controllers, *arrays = inputs
@@ -87,7 +87,7 @@ def _compiled_code(plan: RunPlan, inputs: SegmentInputs) -> Code:
 
     if laws not in _compiled:
         loop = [controller.law for controller in inputs.controllers]
-        segment = segment_of(*loop, keep=keep_states, tell=tell_terms)
+        segment = segment_of(*loop, keep=keep_states, tell=write_terms)
         try:
             _compiled[laws] = ready(segment, 0, 0, *given(inputs))
         except NumbaError as error:

@@ -90,7 +90,7 @@ def keep_states(
     out[row, 18] = 1.0 if trunk.fallen else 0.0
 
 
-def tell_terms(law: Law) -> Callable[[Floats, int, Output, Measurement], None]:
+def write_terms(law: Law) -> Callable[[Floats, int, Output, Measurement], None]:
     """Return the function that writes the terms of a law's update into a row of ``out``."""
 
     def write_down(out: Floats, row: int, answer: Output, measured: Measurement) -> None:

@@ -1,4 +1,4 @@
-"""The greatest value of a parameter that a controller stands, and how many random trunks stand which."""
+"""The greatest value of a parameter that a controller withstands; the shares of random trunks that do."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from trunk_msgs_util.parameters.declarations import ParameterError
 
 from ..batch.block import RunSummary, summaries
-from ..batch.closed_loop import Batch
 from ..batch.columns import LANES
+from ..batch.compiled_run import Batch
 from ..errors import PlanError, StudyError
 from ..plans.plan import RunPlan
 from .bases import make_bases, plan_of

@@ -28,7 +28,7 @@ from trunk_msgs_util.provenance import OF_MACHINE, gather
 
 from ..analysis.metrics import RunMetrics
 from ..batch.block import summaries
-from ..batch.closed_loop import Batch, loops_fingerprint
+from ..batch.compiled_run import Batch, loops_fingerprint
 from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
 from ..errors import PlanError, StudyError, SweepError
 from ..plans.plan import RunPlan

@@ -47,7 +47,7 @@ class SampledLoop(NamedTuple):
     """Plant and sampled law, without limits, falls, and what an actuator does to small torques alone."""
 
     plant: Plant
-    law: Limits
+    limits: Limits
     period_ns: int
     control_period_ns: int
 
@@ -84,7 +84,7 @@ def monodromy_of(update: Update) -> Callable[..., int]:
             dt = seconds(s.control_period_ns)
             hip = Hip(measured.x, measured.x_dot)
             read = Sample(0.0, measured.theta, measured.theta_dot, dt, hip)
-            memory, _ = update(memory, read, constants, s.law)
+            memory, _ = update(memory, read, constants, s.limits)
         before = PlantStatus(PlantState(x, z[0], v, z[1]), z[9], False, False)
         trunk = act(before, memory.effort, _QUIET, s.plant)
         state = trunk.state

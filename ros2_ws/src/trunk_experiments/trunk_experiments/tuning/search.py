@@ -14,7 +14,7 @@ from trunk_control.rule_tables import ALPHA_LABELS, INPUT_LABELS
 from trunk_msgs_util.parameters.declarations import Value, build, declarations, values_of
 from trunk_msgs_util.recording.joint_arrays import Floats
 
-from ..batch.closed_loop import Batch
+from ..batch.compiled_run import Batch
 from ..batch.limits import wrong_duration
 from ..errors import PlanError
 from ..plans.nodes import NODES

@@ -16,9 +16,9 @@ import pytest
 from trunk_control.laws import law_named
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.batch import closed_loop
+from trunk_experiments.batch import compiled_run
 from trunk_experiments.batch.check import first_difference
-from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.nodes import NODES
@@ -72,14 +72,14 @@ def test_every_parameter_is_drawn():
 
 def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
     plan = make_plan("fig8", "pid", everywhere={"duration": 0.1})
-    loop = closed_loop.compiled_loop(tuple(plan.controllers))
+    loop = compiled_run.compiled_loop(tuple(plan.controllers))
 
     def off(*given):
         result, out = loop(*given), given[-1]
-        out[closed_loop.THETA, 7] *= 1.0 + 2.0**-52
+        out[compiled_run.THETA, 7] *= 1.0 + 2.0**-52
         return result
 
-    monkeypatch.setattr(closed_loop, "compiled_loop", lambda names: off)
+    monkeypatch.setattr(compiled_run, "compiled_loop", lambda names: off)
     assert "step 7: theta is" in first_difference(plan, batch)
 
 
@@ -88,11 +88,11 @@ def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
 def test_the_same_loop_runs_in_cpython(batch):
     plan = make_plan("fig8", "pid", everywhere={"duration": 0.05}, swaps=[Swap(0.02, "lqr")])
     expected = batch.run(plan).table
-    out = np.empty((closed_loop.ROWS, len(expected.t)))
-    loop = closed_loop.loop_of(*(law_named(name) for name in plan.controllers))
-    start, noise = closed_loop.start_of_loop(plan), closed_loop._NO_NOISE
+    out = np.empty((compiled_run.ROWS, len(expected.t)))
+    loop = compiled_run.loop_of(*(law_named(name) for name in plan.controllers))
+    start, noise = compiled_run.start_of_loop(plan), compiled_run._NO_NOISE
     assert loop(51, *start, noise, np.empty((1, 4)), Schedule(), out) == (51, False)
-    assert out[closed_loop.THETA].tolist() == expected.theta.tolist()
+    assert out[compiled_run.THETA].tolist() == expected.theta.tolist()
 
 
 @pytest.mark.slow
@@ -173,9 +173,9 @@ def test_what_a_compiled_loop_cannot_model_is_refused_by_name(batch):
 
 
 def test_fingerprints_differ_by_law_and_are_stable():
-    pid, fuzzy_pid = (closed_loop.loop_of(law_named(name)) for name in ("pid", "fuzzy_pid"))
+    pid, fuzzy_pid = (compiled_run.loop_of(law_named(name)) for name in ("pid", "fuzzy_pid"))
     assert compiled.fingerprint(pid) != compiled.fingerprint(fuzzy_pid)
-    again = closed_loop.loop_of(law_named("pid"))
+    again = compiled_run.loop_of(law_named("pid"))
     assert compiled.fingerprint(pid) == compiled.fingerprint(again)
 
 

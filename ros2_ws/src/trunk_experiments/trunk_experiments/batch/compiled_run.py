@@ -1,4 +1,4 @@
-"""One closed-loop run in compiled code, for batches; same bits as `offline.steps`."""
+"""One closed-loop run in compiled code, for batches; same bits as `runs.steps`."""
 
 from __future__ import annotations
 
