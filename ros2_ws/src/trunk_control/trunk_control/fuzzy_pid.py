@@ -104,15 +104,19 @@ class FuzzyPidConfig(RuleBaseConfig, GainRangesConfig):
         choices=("linear", "log"),
     )
     rules_kp: tuple[str, ...] = table_parameter(
-        "rules.kp", rule_tables.KP_AS_PRINTED, "Table 2: a row of labels S, B per label of e"
+        "rules.kp",
+        rule_tables.KP_AS_PRINTED,
+        "Table 2: Kp', a row per label of e, a label or number per label of e_dot",
     )
     rules_kd: tuple[str, ...] = table_parameter(
-        "rules.kd", rule_tables.KD_AS_PRINTED, "Table 3: a row of labels S, B per label of e"
+        "rules.kd",
+        rule_tables.KD_AS_PRINTED,
+        "Table 3: Kd', a row per label of e, a label or number per label of e_dot",
     )
     rules_alpha: tuple[str, ...] = table_parameter(
         "rules.alpha",
         rule_tables.ALPHA_AS_PRINTED,
-        "Table 4: a row of labels S, MS, M, B per label of e",
+        "Table 4: alpha, a row per label of e, a label or number per label of e_dot",
     )
 
     # What a recording means that was made before a parameter was there.

@@ -97,6 +97,11 @@ class RuleTable(NamedTuple):
         return {"kp": "Kp'", "kd": "Kd'"}.get(self.name, self.name)
 
     @property
+    def title(self) -> str:
+        """The output as a picture names it: ``Kp′``."""
+        return self.symbol.replace("'", "′").replace("alpha", "α")
+
+    @property
     def cells(self) -> tuple[tuple[str, ...], ...]:
         """The labels and numbers as written."""
         return tuple(tuple(row.split()) for row in self.rows)

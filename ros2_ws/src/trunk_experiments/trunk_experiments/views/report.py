@@ -17,7 +17,7 @@ from ..analysis.metrics import QUANTITIES
 from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
 from .compare import Row, differing_parameters, metric_rows
-from .report_data import output_symbols, report_data
+from .report_data import report_data
 from .rule_use import rule_use
 from .run_view import RunView, labels
 from .task import different_tasks
@@ -168,4 +168,5 @@ def _rules(view: RunView) -> RuleUse | None:
         )
         for i, label in enumerate(config.axes.error)
     )
-    return RuleUse(output_symbols(config), config.axes.rate, rows)
+    outputs = tuple((table.name, table.title) for table in config.tables)
+    return RuleUse(outputs, config.axes.rate, rows)

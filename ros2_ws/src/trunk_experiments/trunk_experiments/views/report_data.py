@@ -169,7 +169,7 @@ class Surface(NamedTuple):
 
 
 def surface_of(config: RuleBaseConfig) -> Surface:
-    """Return what the rules of a controller infer, on a grid from its first peaks to its last."""
+    """Return the values that the rules of a controller infer, on a grid from its first peaks to its last."""
     errors, rates = (
         np.linspace(peaks[0], peaks[-1], _SURFACE_POINTS, dtype=np.float64)
         for peaks in config.peaks
@@ -177,14 +177,6 @@ def surface_of(config: RuleBaseConfig) -> Surface:
     infer = config.inference
     grid = [[infer(e, r) for e in errors.tolist()] for r in rates.tolist()]
     return Surface(errors, rates, np.array(grid))
-
-
-def output_symbols(config: RuleBaseConfig) -> tuple[tuple[str, str], ...]:
-    """Return name and symbol of each output of a rule base: ``("kp", "Kp′")``."""
-    return tuple(
-        (table.name, table.symbol.replace("'", "′").replace("alpha", "α"))
-        for table in config.tables
-    )
 
 
 def _surfaces(config: RuleBaseConfig, updates: Columns) -> dict[str, Any]:
