@@ -7,7 +7,7 @@ import re
 import pytest
 
 from trunk_control import rule_tables
-from trunk_control.rule_tables import INPUT_LABELS, cell_name, centers
+from trunk_control.rule_tables import INPUT_LABELS, UNIT, Axes, centers, check_labels, input_labels
 
 TABLES = {
     "kp": rule_tables.KP_AS_PRINTED,
@@ -71,7 +71,7 @@ def test_cells_as_the_paper_prints_them(name, e, e_dot, label):
 
 def test_centers_run_along_the_rows():
     rows = ["a b b b b b c"] + ["b b b b b b b"] * 5 + ["d b b b b b e"]
-    table = centers(rows, {"a": 1.0, "b": 2.0, "c": 3.0, "d": 4.0, "e": 5.0})
+    table = centers(rows, {"a": 1.0, "b": 2.0, "c": 3.0, "d": 4.0, "e": 5.0}, Axes(), UNIT)
     assert (table[0], table[6], table[42], table[48]) == (1.0, 3.0, 4.0, 5.0)
     assert len(table) == 49
 
@@ -83,18 +83,56 @@ GOOD = ("S S S S S S S",) * 7
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
-        ((*GOOD[:2], "S S S S S S X", *GOOD[3:]), "labels S, B; cell (e NS, e_dot PB) is 'X'"),
-        (("S S s S S S S", *GOOD[1:]), "labels S, B; cell (e NB, e_dot NS) is 's'"),
+        (
+            (*GOOD[:2], "S S S S S S X", *GOOD[3:]),
+            "labels S, B, or numbers from 0 to 1; cell (e NS, e_dot PB) is 'X'",
+        ),
+        (
+            ("S S s S S S S", *GOOD[1:]),
+            "labels S, B, or numbers from 0 to 1; cell (e NB, e_dot NS) is 's'",
+        ),
         ((*GOOD[:6], "S S S"), "7 labels in each row; row 7 (e PB) has 3"),
         (("S " * 8, *GOOD[1:]), "7 labels in each row; row 1 (e NB) has 8"),
         (GOOD[:5], "7 rows, one per label of e; there are 5"),
+        (
+            ("S S S S S S 1.1", *GOOD[1:]),
+            "labels S, B, or numbers from 0 to 1; cell (e NB, e_dot PB) is '1.1'",
+        ),
+        (
+            ("S S S S S S nan", *GOOD[1:]),
+            "labels S, B, or numbers from 0 to 1; cell (e NB, e_dot PB) is 'nan'",
+        ),
     ],
-    ids=["label", "case", "short-row", "long-row", "rows"],
+    ids=["label", "case", "short-row", "long-row", "rows", "number", "nan"],
 )
 def test_errors_name_the_row_or_the_cell(rows, message):
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        centers(rows, rule_tables.GAIN_CENTERS)
+        centers(rows, {"S": 0.0, "B": 1.0}, Axes(), UNIT)
 
 
 def test_cell_name():
-    assert cell_name(1, 6) == "(e NM, e_dot PB)"
+    assert Axes().cell_name(1, 6) == "(e NM, e_dot PB)"
+
+
+def test_numbers_stand_beside_labels_in_a_table_of_any_shape():
+    axes = Axes(("low", "high"), ("R1", "R2", "R3"))
+    assert centers(("S 0.25 B", "1 5e-1 B"), {"S": 0.0, "B": 0.9}, axes, UNIT) == (
+        *(0.0, 0.25, 0.9),
+        *(1.0, 0.5, 0.9),
+    )
+    with pytest.raises(ValueError, match=r"^2 rows, one per label of e; there are 3$"):
+        centers(("S S S",) * 3, {"S": 0.0}, axes, UNIT)
+
+
+@pytest.mark.parametrize(("count", "ends"), [(2, "E1 E2"), (3, "N P"), (5, "NB PB"), (7, "NB PB")])
+def test_the_usual_labels_of_an_input(count, ends):
+    labels = input_labels((), count, "E")
+    assert len(labels) == count
+    assert f"{labels[0]} {labels[-1]}" == ends
+    check_labels(labels)
+
+
+@pytest.mark.parametrize("label", ["", "a b", "1", "-1", "inf", "no", "a.b", "a=b", "x" * 33, "A"])
+def test_a_label_that_would_be_taken_for_something_else_is_refused(label):
+    with pytest.raises(ValueError, match=r"each label once|each label one word"):
+        check_labels(["A", label])

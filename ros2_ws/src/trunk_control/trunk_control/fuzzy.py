@@ -1,7 +1,7 @@
 """Fuzzy inference over (e, e_dot): triangles that sum to one, product inference, centre average.
 
 With such a partition at most four rules fire, and the centre average is a bilinear interpolation in the
-rule table: one evaluation takes microseconds and need not visit all 49 rules.
+rule table: one evaluation takes microseconds and need not visit all rules, 49 or 4096.
 
 Pure: scalar functions of floats and tuples, which CPython runs and numba compiles unchanged (there the
 tuples of peaks and consequents may be arrays).
@@ -26,9 +26,9 @@ class FuzzyRules(NamedTuple):
 
     error_peaks: Sequence[float]
     rate_peaks: Sequence[float]
-    kp: Sequence[float]  # centres in {0, 1}: S, B
-    kd: Sequence[float]  # centres in {0, 1}: S, B
-    alpha: Sequence[float]  # centres, S MS M B
+    kp: Sequence[float]  # centres in [0, 1]; as printed 0 and 1: S, B
+    kd: Sequence[float]  # likewise
+    alpha: Sequence[float]  # centres above 0; as printed 2 to 5: S MS M B
     logarithmic: bool = False  # Kp', Kd' by Zhao's logarithmic memberships
 
 
@@ -56,6 +56,8 @@ def logarithmic_value(weight: float, center: float) -> float:
     ::
 
         S (center 0): e^(-4 w)        B (center 1): 1 - e^(-4 w)
+
+    A centre c between 0 and 1 has (1 - c) of the first and c of the second.
     """
     return center + (1.0 - 2.0 * center) * exp(-4.0 * weight)
 
@@ -194,30 +196,35 @@ class FiredRule(NamedTuple):
     row: int
     column: int
     weight: float
-    kp: float
-    kd: float
-    alpha: float
+    values: tuple[float, ...]  # in the order of the outputs
 
 
-def fired_rules(error: float, error_rate: float, rules: FuzzyRules) -> tuple[FiredRule, ...]:
-    """Return the four rules whose weighted consequents `infer` adds up; for display, not for the loop.
+def fired_at(
+    error: float, error_rate: float, error_peaks: Sequence[float], rate_peaks: Sequence[float]
+) -> tuple[FiredRule, ...]:
+    """Return the four rules that fire, without consequents; for display, not for the loop.
 
     Their weights sum to 1; at a peak of a triangle some of them are 0.
     """
-    i, a = locate(error, rules.error_peaks)
-    j, b = locate(error_rate, rules.rate_peaks)
+    i, a = locate(error, error_peaks)
+    j, b = locate(error_rate, rate_peaks)
     w11 = a * b
     w01 = b - w11
+    return (
+        FiredRule(i, j, 1.0 - a - w01, ()),
+        FiredRule(i, j + 1, w01, ()),
+        FiredRule(i + 1, j, a - w11, ()),
+        FiredRule(i + 1, j + 1, w11, ()),
+    )
+
+
+def fired_rules(error: float, error_rate: float, rules: FuzzyRules) -> tuple[FiredRule, ...]:
+    """Return the four rules whose weighted consequents (Kp', Kd', alpha) `infer` adds up."""
     fired = []
-    for row, column, weight in (
-        (i, j, 1.0 - a - w01),
-        (i, j + 1, w01),
-        (i + 1, j, a - w11),
-        (i + 1, j + 1, w11),
-    ):
-        cell = row * len(rules.rate_peaks) + column
+    for rule in fired_at(error, error_rate, rules.error_peaks, rules.rate_peaks):
+        cell = rule.row * len(rules.rate_peaks) + rule.column
         kp, kd = rules.kp[cell], rules.kd[cell]
         if rules.logarithmic:
-            kp, kd = logarithmic_value(weight, kp), logarithmic_value(weight, kd)
-        fired.append(FiredRule(row, column, weight, kp, kd, rules.alpha[cell]))
+            kp, kd = logarithmic_value(rule.weight, kp), logarithmic_value(rule.weight, kd)
+        fired.append(rule._replace(values=(kp, kd, rules.alpha[cell])))
     return tuple(fired)

@@ -5,16 +5,18 @@ Its functions are pure: CPython runs them and numba compiles them unchanged.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
-from math import inf, pi
-from typing import NamedTuple
+from functools import partial
+from math import inf
+from typing import ClassVar, NamedTuple
 
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+from trunk_msgs_util.samples import Value
 
 from . import rule_tables
 from .controller_config import ControllerConfig
-from .fuzzy import FuzzyCell, FuzzyRules, cell_at, infer, rules_of
+from .fuzzy import FiredRule, FuzzyCell, FuzzyRules, cell_at, fired_rules, infer, rules_of
 from .law import Lookup, Sample
 from .limits import Limits
 from .pid_family import (
@@ -27,8 +29,14 @@ from .pid_family import (
     law_of_pid_family,
     usable,
 )
-
-_EVEN_PEAKS = tuple(i / 3.0 for i in range(-3, 4))
+from .rule_base import (
+    RuleBaseConfig,
+    centers_parameter,
+    labels_parameter,
+    rule_table,
+    table_parameter,
+)
+from .rule_tables import RuleTable
 
 
 class GainBox(NamedTuple):
@@ -45,46 +53,47 @@ def _range_gain(name: str, default: float, description: str, unit: str) -> float
     return gain
 
 
-def _peaks(name: str, description: str) -> tuple[float, ...]:
-    peaks: tuple[float, ...] = parameter(
-        name, _EVEN_PEAKS, description, length=len(_EVEN_PEAKS), minimum=-1.0, maximum=1.0
-    )
-    return peaks
-
-
-def _table(name: str, default: tuple[str, ...], description: str) -> tuple[str, ...]:
-    row = f"one row for each label of e: {' '.join(rule_tables.INPUT_LABELS)}"
-    rows: tuple[str, ...] = parameter(name, default, description, length=len(default), each=row)
-    return rows
-
-
 @dataclass(frozen=True)
-class FuzzyPidConfig(ControllerConfig):
-    """Parameters of the ``fuzzy_pid`` node. The default ranges are the paper's eq. 16, corrected."""
+class GainRangesConfig(ControllerConfig):
+    """The ranges of the inferred gains. The defaults are the paper's eq. 16, corrected."""
 
     p_min: float = _range_gain("gains.p_min", 32.0, "Kp where Kp' = 0: 0.32 Ku", "N m/rad")
     p_max: float = _range_gain("gains.p_max", 60.0, "Kp where Kp' = 1: 0.60 Ku", "N m/rad")
     d_min: float = _range_gain("gains.d_min", 9.6, "Kd where Kd' = 0: 0.08 Ku Tu", "N m s/rad")
     d_max: float = _range_gain("gains.d_max", 18.0, "Kd where Kd' = 1: 0.15 Ku Tu", "N m s/rad")
-    error_range: float = parameter(
-        "fuzzy.error_range", pi / 2.0, "Universe of e: +- this", unit="rad", above=0.0, maximum=1e3
+
+
+@dataclass(frozen=True)
+class FuzzyPidConfig(RuleBaseConfig, GainRangesConfig):
+    """Parameters of the ``fuzzy_pid`` node."""
+
+    kp_labels: tuple[str, ...] = labels_parameter(
+        "fuzzy.kp_labels", rule_tables.GAIN_LABELS, "Labels of Kp'"
     )
-    rate_range: float = parameter(
-        "fuzzy.rate_range", 5.0, "Universe of e_dot: +- this", unit="rad/s", above=0.0, maximum=1e5
+    kp_centers: tuple[float, ...] = centers_parameter(
+        "fuzzy.kp_centers",
+        rule_tables.GAIN_CENTERS,
+        "Centres of Kp's labels",
+        minimum=0.0,
+        maximum=1.0,
     )
-    error_peaks: tuple[float, ...] = _peaks(
-        "fuzzy.error_peaks",
-        "Peaks of e's triangles NB ... PB, as fractions of the universe, ascending",
+    kd_labels: tuple[str, ...] = labels_parameter(
+        "fuzzy.kd_labels", rule_tables.GAIN_LABELS, "Labels of Kd'"
     )
-    rate_peaks: tuple[float, ...] = _peaks(
-        "fuzzy.rate_peaks",
-        "Peaks of e_dot's triangles NB ... PB, as fractions of the universe, ascending",
+    kd_centers: tuple[float, ...] = centers_parameter(
+        "fuzzy.kd_centers",
+        rule_tables.GAIN_CENTERS,
+        "Centres of Kd's labels",
+        minimum=0.0,
+        maximum=1.0,
     )
-    alpha_centers: tuple[float, ...] = parameter(
+    alpha_labels: tuple[str, ...] = labels_parameter(
+        "fuzzy.alpha_labels", rule_tables.ALPHA_LABELS, "Labels of alpha"
+    )
+    alpha_centers: tuple[float, ...] = centers_parameter(
         "fuzzy.alpha_centers",
-        (2.0, 3.0, 4.0, 5.0),
-        "Centres of alpha's labels S, MS, M, B",
-        length=4,
+        rule_tables.ALPHA_CENTERS,
+        "Centres of alpha's labels",
         above=0.0,
         maximum=1e6,
     )
@@ -94,17 +103,33 @@ class FuzzyPidConfig(ControllerConfig):
         "Consequents of Kp' and Kd': their centres, or Zhao's logarithmic memberships",
         choices=("linear", "log"),
     )
-    rules_kp: tuple[str, ...] = _table(
-        "rules.kp", rule_tables.KP_AS_PRINTED, "Table 2: a row of labels S, B per label of e"
+    rules_kp: tuple[str, ...] = table_parameter(
+        "rules.kp",
+        rule_tables.KP_AS_PRINTED,
+        "Table 2: Kp', a row per label of e, a label or number per label of e_dot",
     )
-    rules_kd: tuple[str, ...] = _table(
-        "rules.kd", rule_tables.KD_AS_PRINTED, "Table 3: a row of labels S, B per label of e"
+    rules_kd: tuple[str, ...] = table_parameter(
+        "rules.kd",
+        rule_tables.KD_AS_PRINTED,
+        "Table 3: Kd', a row per label of e, a label or number per label of e_dot",
     )
-    rules_alpha: tuple[str, ...] = _table(
+    rules_alpha: tuple[str, ...] = table_parameter(
         "rules.alpha",
         rule_tables.ALPHA_AS_PRINTED,
-        "Table 4: a row of labels S, MS, M, B per label of e",
+        "Table 4: alpha, a row per label of e, a label or number per label of e_dot",
     )
+
+    # What a recording means that was made before a parameter was there.
+    unrecorded: ClassVar[Mapping[str, Value]] = {
+        **ControllerConfig.unrecorded,
+        "fuzzy.error_labels": (),
+        "fuzzy.rate_labels": (),
+        "fuzzy.kp_labels": rule_tables.GAIN_LABELS,
+        "fuzzy.kp_centers": rule_tables.GAIN_CENTERS,
+        "fuzzy.kd_labels": rule_tables.GAIN_LABELS,
+        "fuzzy.kd_centers": rule_tables.GAIN_CENTERS,
+        "fuzzy.alpha_labels": rule_tables.ALPHA_LABELS,
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -114,26 +139,16 @@ class FuzzyPidConfig(ControllerConfig):
         ):
             if high < low:
                 raise ParameterError(name, high, f"at least {name.replace('max', 'min')} ({low:g})")
-        for peaks, name in (
-            (self.error_peaks, "fuzzy.error_peaks"),
-            (self.rate_peaks, "fuzzy.rate_peaks"),
-        ):
-            if any(b <= a for a, b in pairwise(peaks)):
-                raise ParameterError(name, peaks, "strictly increasing peaks")
-        for rows, name in (
-            (self.rules_kp, "rules.kp"),
-            (self.rules_kd, "rules.kd"),
-            (self.rules_alpha, "rules.alpha"),
-        ):
-            try:
-                rule_tables.centers(rows, self._centers_of(name))
-            except ValueError as error:
-                raise ParameterError(name, rows, str(error)) from None
 
-    def _centers_of(self, name: str) -> dict[str, float]:
-        if name == "rules.alpha":
-            return dict(zip(rule_tables.ALPHA_LABELS, self.alpha_centers, strict=True))
-        return dict(rule_tables.GAIN_CENTERS)
+    @property
+    def tables(self) -> tuple[RuleTable, ...]:
+        """The tables of Kp', Kd' and alpha."""
+        unit, positive = rule_tables.UNIT, rule_tables.POSITIVE
+        return (
+            rule_table("kp", self.rules_kp, self.kp_labels, self.kp_centers, unit),
+            rule_table("kd", self.rules_kd, self.kd_labels, self.kd_centers, unit),
+            rule_table("alpha", self.rules_alpha, self.alpha_labels, self.alpha_centers, positive),
+        )
 
     @property
     def damping_gain(self) -> float:
@@ -148,14 +163,18 @@ class FuzzyPidConfig(ControllerConfig):
     @property
     def rules(self) -> FuzzyRules:
         """The rule base, with its peaks in rad and rad/s."""
-        return FuzzyRules(
-            tuple(self.error_range * peak for peak in self.error_peaks),
-            tuple(self.rate_range * peak for peak in self.rate_peaks),
-            rule_tables.centers(self.rules_kp, self._centers_of("rules.kp")),
-            rule_tables.centers(self.rules_kd, self._centers_of("rules.kd")),
-            rule_tables.centers(self.rules_alpha, self._centers_of("rules.alpha")),
-            self.consequents == "log",
-        )
+        axes = self.axes
+        kp, kd, alpha = (table.values(axes) for table in self.tables)
+        return FuzzyRules(*self.peaks, kp, kd, alpha, self.consequents == "log")
+
+    @property
+    def inference(self) -> Callable[[float, float], tuple[float, ...]]:
+        """``(Kp', Kd', alpha)`` as a function of e in rad and e_dot in rad/s."""
+        return partial(infer, rules=self.rules)
+
+    def fired(self, error: float, rate: float) -> tuple[FiredRule, ...]:
+        """Return the four rules that fire at e in rad and e_dot in rad/s."""
+        return fired_rules(error, rate, self.rules)
 
     @property
     def constants(self) -> tuple[FuzzyRules, GainBox]:

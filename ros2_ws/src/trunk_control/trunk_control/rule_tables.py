@@ -1,17 +1,27 @@
-"""Rule tables: labels, centres, parsing, and the set printed in the paper.
+"""Rule tables of any size: labels, centres, parsing, and the set printed in the paper.
 
-A table is written as seven strings of seven labels, one row per label of e (NB ... PB) and one column
-per label of e_dot, as in the paper.
+A table is a string for each label of e, with a cell for each label of e_dot, as in the paper. A cell is the
+label of a consequent or a number.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 INPUT_LABELS = ("NB", "NM", "NS", "ZO", "PS", "PM", "PB")
-GAIN_CENTERS: Mapping[str, float] = {"S": 0.0, "B": 1.0}
-ALPHA_LABELS = ("S", "MS", "M", "B")
+# The usual names of so many triangles; of nine, the seven with "very big" at either end.
+STANDARD_LABELS: Mapping[int, tuple[str, ...]] = {
+    3: ("N", "ZO", "P"),
+    5: ("NB", "NS", "ZO", "PS", "PB"),
+    7: INPUT_LABELS,
+    9: ("NVB", *INPUT_LABELS, "PVB"),
+}
+FEWEST, MOST = 2, 64  # triangles of an input
+GAIN_LABELS, GAIN_CENTERS = ("S", "B"), (0.0, 1.0)
+ALPHA_LABELS, ALPHA_CENTERS = ("S", "MS", "M", "B"), (2.0, 3.0, 4.0, 5.0)
 
 # Tables 2 to 4, exactly as printed.
 KP_AS_PRINTED = (
@@ -42,37 +52,129 @@ ALPHA_AS_PRINTED = (
     "S S S S S S S",
 )
 
-
-def cell_name(row: int, column: int) -> str:
-    """Return a cell's readable name, ``(e NM, e_dot PB)``."""
-    return f"(e {INPUT_LABELS[row]}, e_dot {INPUT_LABELS[column]})"
+_LABEL = re.compile(r"[^\W\d][\w+-]{0,31}")
+_OF_YAML = {"yes", "no", "on", "off", "true", "false", "null"}  # texts only where they are quoted
 
 
-def centers(rows: Sequence[str], values: Mapping[str, float]) -> tuple[float, ...]:
-    """Return a table's centres, row by row, from its strings of labels and the labels' values.
+class Range(NamedTuple):
+    """The numbers that a table's cells may be."""
 
-    Raises ValueError naming the row or cell whose shape or label is wrong.
+    minimum: float
+    maximum: float
+    text: str
+
+    def holds(self, number: float) -> bool:
+        """Return True for a number in the range; False for NaN."""
+        return self.minimum <= number <= self.maximum
+
+
+UNIT = Range(0.0, 1.0, "from 0 to 1")
+POSITIVE = Range(5e-324, 1e6, "above 0")
+
+
+class Axes(NamedTuple):
+    """The labels of a rule base's inputs: of e, one for each row, and of e_dot, one for each column."""
+
+    error: tuple[str, ...] = INPUT_LABELS
+    rate: tuple[str, ...] = INPUT_LABELS
+
+    def cell_name(self, row: int, column: int) -> str:
+        """Return a cell's readable name, ``(e NM, e_dot PB)``."""
+        return f"(e {self.error[row]}, e_dot {self.rate[column]})"
+
+
+class RuleTable(NamedTuple):
+    """What the cells of one table may be, and the table as written."""
+
+    name: str  # of the output: kp
+    rows: tuple[str, ...]
+    centers: Mapping[str, float]  # by label
+    numbers: Range
+
+    @property
+    def symbol(self) -> str:
+        """The output as a text names it: ``Kp'``."""
+        return {"kp": "Kp'", "kd": "Kd'"}.get(self.name, self.name)
+
+    @property
+    def title(self) -> str:
+        """The output as a picture names it: ``Kp′``."""
+        return self.symbol.replace("'", "′").replace("alpha", "α")
+
+    @property
+    def cells(self) -> tuple[tuple[str, ...], ...]:
+        """The labels and numbers as written."""
+        return tuple(tuple(row.split()) for row in self.rows)
+
+    def values(self, axes: Axes) -> tuple[float, ...]:
+        """Return the table's centres, row by row (`centers`)."""
+        return centers(self.rows, self.centers, axes, self.numbers)
+
+
+def input_labels(given: Sequence[str], count: int, letter: str) -> tuple[str, ...]:
+    """Return the labels of an input with so many triangles: as given, else the standard ones, else numbers.
+
+    ``letter``: of labels that are numbered, E1, E2 and so on. Raises ValueError for another number of labels,
+    and what `check_labels` raises.
     """
-    return _centers(tuple(rows), tuple(values.items()))
+    if not given:
+        usual = STANDARD_LABELS.get(count)
+        return usual or tuple(f"{letter}{i}" for i in range(1, count + 1))
+    if len(given) != count:
+        raise ValueError(f"one label for each of the {count} peaks; there are {len(given)}")
+    check_labels(given)
+    return tuple(given)
+
+
+def check_labels(labels: Sequence[str]) -> None:
+    """Raise ValueError for a text that cannot be a label, and for one that is there twice."""
+    for i, label in enumerate(labels):
+        if not _LABEL.fullmatch(label) or label.lower() in _OF_YAML or _number(label) is not None:
+            raise ValueError(
+                f"each label one word of up to 32 letters, digits, _, + or -, a letter first, and neither a "
+                f"number nor yes, no, on, off; one is {label[:40]!r}"
+            )
+        if label in labels[:i]:
+            raise ValueError(f"each label once; {label} is there twice")
+
+
+def centers(
+    rows: Sequence[str], values: Mapping[str, float], axes: Axes, numbers: Range
+) -> tuple[float, ...]:
+    """Return a table's centres, row by row, from its rows of cells and the labels' values.
+
+    Raises ValueError naming the row or cell whose shape, label or number is wrong.
+    """
+    return _centers(tuple(rows), tuple(values.items()), axes, numbers)
 
 
 @lru_cache(maxsize=64)  # the runs of a sweep share their tables
-def _centers(rows: tuple[str, ...], items: tuple[tuple[str, float], ...]) -> tuple[float, ...]:
+def _centers(
+    rows: tuple[str, ...], items: tuple[tuple[str, float], ...], axes: Axes, numbers: Range
+) -> tuple[float, ...]:
     values = dict(items)
-    size = len(INPUT_LABELS)
-    if len(rows) != size:
-        raise ValueError(f"{size} rows, one per label of e; there are {len(rows)}")
+    if len(rows) != len(axes.error):
+        raise ValueError(f"{len(axes.error)} rows, one per label of e; there are {len(rows)}")
     table: list[float] = []
     for i, row in enumerate(rows):
-        labels = row.split()
-        if len(labels) != size:
+        cells = row.split()
+        if len(cells) != len(axes.rate):
             raise ValueError(
-                f"{size} labels in each row; row {i + 1} (e {INPUT_LABELS[i]}) has {len(labels)}"
+                f"{len(axes.rate)} labels in each row; row {i + 1} (e {axes.error[i]}) has {len(cells)}"
             )
-        for j, label in enumerate(labels):
-            if label not in values:
+        for j, cell in enumerate(cells):
+            number = values.get(cell, _number(cell))
+            if number is None or not (cell in values or numbers.holds(number)):
                 raise ValueError(
-                    f"labels {', '.join(values)}; cell {cell_name(i, j)} is {label[:20]!r}"
+                    f"labels {', '.join(values)}, or numbers {numbers.text}; "
+                    f"cell {axes.cell_name(i, j)} is {cell[:20]!r}"
                 )
-            table.append(values[label])
+            table.append(number)
     return tuple(table)
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from trunk_control.rule_tables import ALPHA_LABELS, GAIN_CENTERS
+from trunk_control.rule_tables import ALPHA_LABELS, GAIN_LABELS
 from trunk_msgs_util.parameters.declarations import (
     Declaration,
     ParameterError,
@@ -83,9 +83,10 @@ class Draw:
             near = d.default if isinstance(d.default, int | float) else 0.0
             return d.default if d.kind == "string" and not d.choices else self.element(d, near)
         default = d.default if isinstance(d.default, tuple) else ()
-        count = d.length if d.length is not None else int(self.rng.integers(5))
+        sized = d.length is not None or d.shortest  # tables and their labels keep their size
+        count = len(default) if sized else int(self.rng.integers(5))
         if d.name.startswith("rules."):
-            labels = ALPHA_LABELS if d.name == "rules.alpha" else tuple(GAIN_CENTERS)
+            labels = ALPHA_LABELS if d.name == "rules.alpha" else GAIN_LABELS
             return tuple(" ".join(self.pick(*labels) for _ in range(7)) for _ in range(count))
         if d.kind != "double array":
             return d.default

@@ -8,7 +8,7 @@ results.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from random import Random
@@ -16,7 +16,6 @@ from statistics import median
 from time import perf_counter
 from typing import Any
 
-from trunk_control import rule_tables
 from trunk_control.fuzzy import infer
 from trunk_control.fuzzy_pid import FuzzyPidConfig, fuzzy_pid_update
 from trunk_control.law import Sample
@@ -185,9 +184,8 @@ def _fuzzylite_batch(fuzzylite: Any, config: FuzzyPidConfig) -> Batch:
 
 def _fuzzylite_engine(fuzzylite: Any, config: FuzzyPidConfig) -> Any:
     """Return pyfuzzylite's engine: 49 rules with three constant consequents each."""
-    labels = rule_tables.INPUT_LABELS
 
-    def input_variable(name: str, peaks: tuple[float, ...]) -> Any:
+    def input_variable(name: str, peaks: Sequence[float], labels: Sequence[str]) -> Any:
         ends = (2.0 * peaks[0] - peaks[1], *peaks, 2.0 * peaks[-1] - peaks[-2])
         triangles = [fuzzylite.Triangle(label, *ends[i : i + 3]) for i, label in enumerate(labels)]
         return fuzzylite.InputVariable(
@@ -203,29 +201,22 @@ def _fuzzylite_engine(fuzzylite: Any, config: FuzzyPidConfig) -> Any:
             terms=[fuzzylite.Constant(label, center) for label, center in centers.items()],
         )
 
-    kp, kd, alpha = (
-        [row.split() for row in table]
-        for table in (config.rules_kp, config.rules_kd, config.rules_alpha)
-    )
+    axes = config.axes
+    kp, kd, alpha = (table.cells for table in config.tables)
     texts = [
         f"if e is {e} and e_dot is {e_dot} "
         f"then kp is {kp[i][j]} and kd is {kd[i][j]} and alpha is {alpha[i][j]}"
-        for i, e in enumerate(labels)
-        for j, e_dot in enumerate(labels)
+        for i, e in enumerate(axes.error)
+        for j, e_dot in enumerate(axes.rate)
     ]
     product = fuzzylite.AlgebraicProduct()
-    alpha_centers = dict(zip(rule_tables.ALPHA_LABELS, config.alpha_centers, strict=True))
     return fuzzylite.Engine(
         name="fuzzy_pid",
         input_variables=[
-            input_variable("e", tuple(config.rules.error_peaks)),
-            input_variable("e_dot", tuple(config.rules.rate_peaks)),
+            input_variable("e", config.peaks[0], axes.error),
+            input_variable("e_dot", config.peaks[1], axes.rate),
         ],
-        output_variables=[
-            output_variable("kp", rule_tables.GAIN_CENTERS),
-            output_variable("kd", rule_tables.GAIN_CENTERS),
-            output_variable("alpha", alpha_centers),
-        ],
+        output_variables=[output_variable(table.name, table.centers) for table in config.tables],
         rule_blocks=[
             fuzzylite.RuleBlock(
                 conjunction=product,

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from trunk_control import rule_tables
 from trunk_control.fuzzy_pid import FuzzyPidConfig, fuzzy_pid_update
 from trunk_control.law import Sample
 from trunk_control.pid_family import PidState
@@ -160,28 +159,23 @@ def scikit_simulation(config: FuzzyPidConfig) -> Any:
     trimf = library("skfuzzy", *_SCIKIT).trimf
     control = library("skfuzzy.control", *_SCIKIT)
 
-    labels = rule_tables.INPUT_LABELS
+    axes = config.axes
     inputs = []
-    for name, span in (("e", config.error_range), ("e_dot", config.rate_range)):
+    for name, span, labels in (
+        ("e", config.error_range, axes.error),
+        ("e_dot", config.rate_range, axes.rate),
+    ):
         variable = control.Antecedent(np.linspace(-span, span, 121), name)
         variable.automf(names=list(labels))  # even triangles
         inputs.append(variable)
-    alphas = dict(zip(rule_tables.ALPHA_LABELS, config.alpha_centers, strict=True))
     outputs = []
-    for name, centers in (
-        ("kp", rule_tables.GAIN_CENTERS),
-        ("kd", rule_tables.GAIN_CENTERS),
-        ("alpha", alphas),
-    ):
-        low, high = min(centers.values()), max(centers.values())
-        variable = control.Consequent(np.linspace(low, high, 61), name)
-        for label, center in centers.items():
+    for table in config.tables:
+        low, high = min(table.centers.values()), max(table.centers.values())
+        variable = control.Consequent(np.linspace(low, high, 61), table.name)
+        for label, center in table.centers.items():
             variable[label] = trimf(variable.universe, [center - 1.0, center, center + 1.0])
         outputs.append(variable)
-    tables = [
-        [row.split() for row in rows]
-        for rows in (config.rules_kp, config.rules_kd, config.rules_alpha)
-    ]
+    tables = [table.cells for table in config.tables]
     e, e_dot = inputs
     rules = [
         control.Rule(
@@ -189,7 +183,7 @@ def scikit_simulation(config: FuzzyPidConfig) -> Any:
             [variable[table[i][j]] for variable, table in zip(outputs, tables, strict=True)],
             and_func=np.multiply,
         )
-        for i, first in enumerate(labels)
-        for j, second in enumerate(labels)
+        for i, first in enumerate(axes.error)
+        for j, second in enumerate(axes.rate)
     ]
     return control.ControlSystemSimulation(control.ControlSystem(rules), cache=False)

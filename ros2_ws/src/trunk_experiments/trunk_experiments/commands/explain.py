@@ -17,7 +17,7 @@ from ..console.reading import open_run, run_values, show_damage
 from ..console.tables import print_table
 from ..console.terminal import show_warnings
 from ..replay.doubts import refused
-from ..replay.explain import Explanation, explain
+from ..replay.explain import Explanation, Rule, explain
 from ..replay.external import ExternalCommand, external_command
 
 
@@ -127,7 +127,7 @@ def as_values(explanation: Explanation) -> dict[str, Any]:
         "true_angle": explanation.true_angle,
         "derivative_mode": explanation.derivative_mode,
         "disturbance": explanation.disturbance._asdict(),
-        "rules": [rule._asdict() for rule in explanation.rules],
+        "rules": [_rule_values(rule) for rule in explanation.rules],
         "terms": explanation.terms._asdict(),
         "units": dict(explanation.units),
         "by_model": explanation.by_model,
@@ -189,6 +189,20 @@ def _own_terms(explanation: Explanation) -> list[tuple[str, str, str]]:
     return [*rows, ("command before the limits", f"{explanation.terms.unsaturated:.6g}", "N m")]
 
 
+def _rule_values(rule: Rule) -> dict[str, Any]:
+    """Return a rule as plain values: ``kp_label``, ``kp`` and so on for each output."""
+    outputs: dict[str, object] = {}
+    for consequent in rule.consequents:
+        outputs[f"{consequent.output}_label"] = consequent.label
+        outputs[consequent.output] = consequent.value
+    return {
+        "error_label": rule.error_label,
+        "rate_label": rule.rate_label,
+        "weight": rule.weight,
+        **outputs,
+    }
+
+
 def _show(explanation: Explanation) -> None:
     terms, windup = explanation.terms, explanation.windup
     click.echo(
@@ -219,15 +233,18 @@ def _show(explanation: Explanation) -> None:
     if explanation.rules:
         print_table(
             "rules that fired",
-            ("if e is", "and e_dot is", "weight", "Kp'", "Kd'", "alpha"),
+            (
+                "if e is",
+                "and e_dot is",
+                "weight",
+                *(c.symbol for c in explanation.rules[0].consequents),
+            ),
             [
                 (
                     rule.error_label,
                     rule.rate_label,
                     f"{rule.weight:.6f}",
-                    f"{rule.kp_label} = {rule.kp:.6g}",
-                    f"{rule.kd_label} = {rule.kd:.6g}",
-                    f"{rule.alpha_label} = {rule.alpha:.6g}",
+                    *(f"{c.label} = {c.value:.6g}" for c in rule.consequents),
                 )
                 for rule in explanation.rules
                 if rule.weight > 0.0

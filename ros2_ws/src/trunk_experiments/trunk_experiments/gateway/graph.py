@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from trunk_control.controller_config import ControllerConfig
+from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.parameters.declarations import (
     Declaration,
@@ -172,6 +173,7 @@ class Graph:
             state=node.state,
             controller=isinstance(node.config, ControllerConfig),
             parameters={name: plain(value) for name, value in node.values.items()},
+            rules=_rule_base(node.config) if isinstance(node.config, RuleBaseConfig) else None,
         )
         self._board.put(
             "declared",
@@ -200,6 +202,17 @@ class Graph:
             lockstep=config.lockstep,
             rate=config.update_rate,
         )
+
+
+def _rule_base(config: RuleBaseConfig) -> dict[str, object]:
+    """Return the labels of a rule base: of e, of e_dot, and of each table."""
+    return {
+        **config.axes._asdict(),
+        "tables": [
+            {"name": f"rules.{table.name}", "title": table.title, "labels": list(table.centers)}
+            for table in config.tables
+        ],
+    }
 
 
 def _declared(declared: Declaration, config: type[Any] | None) -> dict[str, object]:

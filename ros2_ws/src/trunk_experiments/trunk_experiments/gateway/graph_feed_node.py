@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
-from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.conversions import WireReader, stamp_from_ros
@@ -137,7 +137,7 @@ class GraphFeed:
             kept = int(min(max(self.graph.simulator.update_rate * _KEPT_S, _FEWEST), _MOST))
             put_stream(self.board, self.streams, name, StreamRows(columns, kept))
             stream = self.streams[-1]
-        if isinstance(config, FuzzyPidConfig):
+        if isinstance(config, RuleBaseConfig):
             row = with_rules(row, sample.name, config)
         if len(row) == len(stream.rows.names):
             stream.rows.add(row)

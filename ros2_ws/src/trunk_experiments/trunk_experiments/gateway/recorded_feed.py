@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.units import NANOSECONDS
@@ -96,7 +96,7 @@ class RecordedFeed:
             rows = []
             for stamp_ns, row in zip(states.stamp_ns.tolist(), values.tolist(), strict=True):
                 timeline.advance(stamp_ns)
-                if isinstance(timeline.config, FuzzyPidConfig):
+                if isinstance(timeline.config, RuleBaseConfig):
                     rows.append(with_rules(tuple(row), states.names, timeline.config))
             values = np.array(rows) if rows else values
         put_stream(self.board, self.streams, name, StreamRows.of(columns, values))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from trunk_control.fuzzy import fired_rules
-from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.fuzzy import fired_at
+from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.units import seconds
 
 from .feed import PLANT, PUSHES
@@ -26,7 +26,7 @@ def columns_of(name: str, said: Sequence[str], config: Any) -> tuple[str, ...]:
     fixed = {PLANT: PLANT_COLUMNS, PUSHES: PUSH_COLUMNS}.get(name)
     if fixed is not None:
         return fixed
-    rules = RULE_COLUMNS if isinstance(config, FuzzyPidConfig) else ()
+    rules = RULE_COLUMNS if isinstance(config, RuleBaseConfig) else ()
     return ("t", *said, *rules)
 
 
@@ -46,11 +46,11 @@ def row_of(name: str, sample: JointSample) -> tuple[float, ...] | None:
 
 
 def with_rules(
-    row: tuple[float, ...], said: Sequence[str], config: FuzzyPidConfig
+    row: tuple[float, ...], said: Sequence[str], config: RuleBaseConfig
 ) -> tuple[float, ...]:
     """Return a controller's row with the rules that fired for it; unchanged if it has no error and rate."""
     if "error" not in said or "error_rate" not in said:
         return row
     error, rate = row[1 + said.index("error")], row[1 + said.index("error_rate")]
-    fired = fired_rules(error, rate, config.rules)
+    fired = fired_at(error, rate, *config.peaks)
     return (*row, fired[0].row, fired[0].column, *(rule.weight for rule in fired))

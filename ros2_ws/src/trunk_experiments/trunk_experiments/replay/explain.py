@@ -9,13 +9,11 @@ from typing import NamedTuple
 
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import transfer_limits
-from trunk_control.fuzzy import fired_rules
-from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.law import LawMemory, LawTerms
 from trunk_control.laws import law_named
 from trunk_control.limits import Limits, limited
 from trunk_control.pid_family import Terms
-from trunk_control.rule_tables import INPUT_LABELS
+from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import ARITHMETIC
@@ -33,18 +31,22 @@ from .rerun import Rerun
 from .robot import RobotRerun, explicable
 
 
+class Consequent(NamedTuple):
+    """What a rule says of one output."""
+
+    output: str  # kp, kd, alpha
+    symbol: str
+    label: str  # or number, as the table has it
+    value: float
+
+
 class Rule(NamedTuple):
-    """A rule that fired: its labels, its weight, and the labels and values of its consequents."""
+    """A rule that fired: its labels, its weight, and its consequents."""
 
     error_label: str
     rate_label: str
     weight: float
-    kp_label: str
-    kp: float
-    kd_label: str
-    kd: float
-    alpha_label: str
-    alpha: float
+    consequents: tuple[Consequent, ...]
 
 
 class Windup(NamedTuple):
@@ -198,7 +200,7 @@ def _explain(run: RecordedRun, at: float) -> Explanation:
         derivative_mode=config.derivative_mode,
         terms=terms,
         units=law_named(name).units,
-        rules=_rules(terms, config) if isinstance(config, FuzzyPidConfig) else (),
+        rules=_rules(terms, config) if isinstance(config, RuleBaseConfig) else (),
         limits=(update.law.u_min, update.law.u_max),
         handing_over=update.handing_over,
         windup=_windup(update) if isinstance(terms, Terms) else None,
@@ -251,18 +253,17 @@ def _update(rerun: Rerun | RobotRerun, label: str, stamp_ns: int) -> _Update:
     )
 
 
-def _rules(terms: Terms, config: FuzzyPidConfig) -> tuple[Rule, ...]:
-    fired = fired_rules(terms.error, terms.error_rate, config.rules)
-    tables = [
-        [row.split() for row in rows]
-        for rows in (config.rules_kp, config.rules_kd, config.rules_alpha)
-    ]
+def _rules(terms: LawTerms, config: RuleBaseConfig) -> tuple[Rule, ...]:
+    axes, tables = config.axes, config.tables
     rules = []
-    for rule in sorted(fired, key=lambda rule: -rule.weight):
-        kp, kd, alpha = (table[rule.row][rule.column] for table in tables)
-        labels = INPUT_LABELS[rule.row], INPUT_LABELS[rule.column]
-        rules.append(Rule(*labels, rule.weight, kp, rule.kp, kd, rule.kd, alpha, rule.alpha))
-    return tuple(rules)
+    for fired in config.fired(terms.error, terms.error_rate):
+        row, column = fired.row, fired.column
+        consequents = tuple(
+            Consequent(table.name, table.symbol, table.cells[row][column], value)
+            for table, value in zip(tables, fired.values, strict=True)
+        )
+        rules.append(Rule(axes.error[row], axes.rate[column], fired.weight, consequents))
+    return tuple(sorted(rules, key=lambda rule: -rule.weight))
 
 
 def _windup(update: _Update) -> Windup:

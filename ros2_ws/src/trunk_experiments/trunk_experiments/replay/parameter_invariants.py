@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from trunk_control.controller_config import ControllerConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations
@@ -25,6 +26,10 @@ _LINKS = tuple(f"link.{direction}.{name}" for direction in ("state", "command") 
 # with what the configuration says of the `unrecorded`.
 _LATER: dict[str, tuple[tuple[str, ...], ...]] = {
     **{name: (tuple(ControllerConfig.unrecorded),) for name in CONTROLLERS},
+    "fuzzy_pid": (
+        tuple(ControllerConfig.unrecorded),
+        tuple(n for n in FuzzyPidConfig.unrecorded if n not in ControllerConfig.unrecorded),
+    ),
     "recorder": (("markers",),),
     "simulator": (
         ("path.cosines", "path.sines"),

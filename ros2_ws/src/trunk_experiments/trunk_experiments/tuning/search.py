@@ -10,7 +10,8 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.rule_tables import ALPHA_LABELS, INPUT_LABELS
+from trunk_control.rule_base import RuleBaseConfig
+from trunk_control.rule_tables import Axes
 from trunk_msgs_util.parameters.declarations import Value, build, declarations, values_of
 from trunk_msgs_util.recording.joint_arrays import Floats
 
@@ -21,8 +22,6 @@ from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 
 FAILED = 1e9  # cost of a run that diverges or lacks the metric
-_HALF = len(INPUT_LABELS) // 2 + 1  # a table is symmetric in both directions: a quarter defines it
-_CELLS = _HALF * _HALF
 
 
 class Found(NamedTuple):
@@ -89,24 +88,35 @@ def own_space(config: Any) -> Space:
 
 def space_of(controller: str, config: Any) -> Space:
     """Return the search space of a controller. Raises PlanError if there is none."""
-    if controller == "fuzzy_pid":
+    if isinstance(config, RuleBaseConfig):
         return fuzzy_space(config)
     return gains_space(config) if controller == "pid" else own_space(config)
 
 
-def fuzzy_space(config: Any) -> Space:
-    """Return the ranges of Kp and Kd, the universes, and all three tables, symmetric in e and e_dot."""
+def fuzzy_space(config: RuleBaseConfig) -> Space:
+    """Return a law's own numbers, such as ranges and universes, and its tables, symmetric in e and e_dot.
+
+    A quarter of each table defines it; its cells are the labels. Raises PlanError for a table with numbers in
+    its cells.
+    """
     now = values_of(config)
     names: tuple[str, ...] = ("gains.p_min", "gains.p_max", "gains.d_min", "gains.d_max")
     names += ("fuzzy.error_range", "fuzzy.rate_range")
     start = [log10(float(now[name])) for name in names]  # type: ignore[arg-type]
     bounds = [(s - 0.5, s + 0.5) for s in start]
-    tables = {"rules.kp": ("S", "B"), "rules.kd": ("S", "B"), "rules.alpha": ALPHA_LABELS}
-    for name, labels in tables.items():
-        rows: Any = now[name]
-        quarter = [row.split()[:_HALF] for row in rows[:_HALF]]
-        start += [float(labels.index(label)) for row in quarter for label in row]
-        bounds += [(0.0, len(labels) - 1.0)] * _CELLS
+    rows, columns = ((len(labels) + 1) // 2 for labels in config.axes)
+    labels_of: dict[str, tuple[str, ...]] = {}
+    for table in config.tables:
+        name, labels = f"rules.{table.name}", tuple(table.centers)
+        labels_of[name] = labels
+        quarter = [cell for row in table.cells[:rows] for cell in row[:columns]]
+        numbers = [cell for cell in quarter if cell not in labels]
+        if numbers:
+            raise PlanError(
+                f"{name}: the cell {numbers[0]} is a number: labels are searched: {', '.join(labels)}"
+            )
+        start += [float(labels.index(cell)) for cell in quarter]
+        bounds += [(0.0, len(labels) - 1.0)] * len(quarter)
 
     def values(x: Floats) -> dict[str, Value]:
         parameters: dict[str, Value] = {
@@ -115,17 +125,20 @@ def fuzzy_space(config: Any) -> Space:
         for low, high in (("gains.p_min", "gains.p_max"), ("gains.d_min", "gains.d_max")):
             pair: list[Any] = sorted([parameters[low], parameters[high]])
             parameters[low], parameters[high] = pair
-        cells = x[len(names) :].round().astype(int).reshape(3, _HALF, _HALF)
-        for (name, labels), quarter in zip(tables.items(), cells.tolist(), strict=True):
-            parameters[name] = _mirrored([[labels[c] for c in row] for row in quarter])
+        cells = x[len(names) :].round().astype(int).reshape(len(labels_of), rows, columns)
+        for (name, labels), quarter in zip(labels_of.items(), cells.tolist(), strict=True):
+            parameters[name] = _mirrored([[labels[c] for c in row] for row in quarter], config.axes)
         return parameters
 
-    return Space(bounds, [False] * len(names) + [True] * 3 * _CELLS, start, values)
+    integers = len(start) - len(names)
+    return Space(bounds, [False] * len(names) + [True] * integers, start, values)
 
 
-def _mirrored(quarter: list[list[str]]) -> tuple[str, ...]:
-    rows = [" ".join(row + row[-2::-1]) for row in quarter]
-    return tuple(rows + rows[-2::-1])
+def _mirrored(quarter: list[list[str]], axes: Axes) -> tuple[str, ...]:
+    """Return the table of which this is the first quarter; a middle row or column is there once."""
+    width, height = len(axes.rate), len(axes.error)
+    rows = [" ".join(row + row[: width // 2][::-1]) for row in quarter]
+    return tuple(rows + rows[: height // 2][::-1])
 
 
 def search(

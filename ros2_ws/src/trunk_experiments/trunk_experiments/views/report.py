@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trunk_control.fuzzy_pid import FuzzyPidConfig
-from trunk_control.rule_tables import INPUT_LABELS
+from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
@@ -33,11 +32,18 @@ _NOT_OURS = (
 class RuleCell:
     """A rule of the tables: the labels of its consequents, and how often it fired."""
 
-    kp: str
-    kd: str
-    alpha: str
+    labels: tuple[str, ...]
     count: int
     share: float  # of the updates
+
+
+@dataclass(frozen=True)
+class RuleUse:
+    """The rules of a run."""
+
+    outputs: tuple[tuple[str, str], ...]  # name and symbol of each
+    columns: tuple[str, ...]  # labels of e_dot
+    rows: tuple[tuple[str, tuple[RuleCell, ...]], ...]  # a label of e, and its cells
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ class RunSection:
     parameters: Mapping[str, Mapping[str, str]]  # by node
     provenance: Mapping[str, str]
     topics: tuple[tuple[str, str, int], ...]  # name, type, messages
-    rules: tuple[tuple[str, tuple[RuleCell, ...]], ...]  # a row per label of e; none for a PID
+    rules: RuleUse | None  # None: the law has no rules
     hip: bool  # False: another robot, of whose hip nothing is known
     rate: bool  # False: velocities were not measured
 
@@ -139,29 +145,28 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         },
         provenance=dict(sorted(recording.provenance.items())),
         topics=tuple((n, topic.type, topic.count) for n, topic in sorted(recording.topics.items())),
-        rules=_rule_cells(view),
+        rules=_rules(view),
         hip=not view.run.another_robot,
         rate=not np.isnan(table.theta_dot).all(),
     )
 
 
-def _rule_cells(view: RunView) -> tuple[tuple[str, tuple[RuleCell, ...]], ...]:
+def _rules(view: RunView) -> RuleUse | None:
     config = view.controller
-    if not isinstance(config, FuzzyPidConfig):
-        return ()
+    if not isinstance(config, RuleBaseConfig):
+        return None
     counts = rule_use(view)
     updates = max(1, len(view.terms))
-    kp, kd, alpha = (
-        [row.split() for row in rows]
-        for rows in (config.rules_kp, config.rules_kd, config.rules_alpha)
-    )
-    return tuple(
+    tables = [table.cells for table in config.tables]
+    rows = tuple(
         (
             label,
             tuple(
-                RuleCell(kp[i][j], kd[i][j], alpha[i][j], count, count / updates)
+                RuleCell(tuple(cells[i][j] for cells in tables), count, count / updates)
                 for j, count in enumerate(counts[i])
             ),
         )
-        for i, label in enumerate(INPUT_LABELS)
+        for i, label in enumerate(config.axes.error)
     )
+    outputs = tuple((table.name, table.title) for table in config.tables)
+    return RuleUse(outputs, config.axes.rate, rows)

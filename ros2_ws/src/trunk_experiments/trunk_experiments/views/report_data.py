@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import degrees, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from trunk_control.fuzzy import infer
-from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.config import SimulatorConfig
@@ -110,7 +109,7 @@ def _run(view: RunView, label: str, columns: Columns, updates: Columns) -> dict[
         "branch": None if view.run.branch is None else view.run.branch.at,
         "turns": [turn._asdict() for turn in view.turns],
         "torqueRange": off_scale(view.table.torque),
-        "fuzzy": _surfaces(controller, updates) if isinstance(controller, FuzzyPidConfig) else None,
+        "fuzzy": _surfaces(controller, updates) if isinstance(controller, RuleBaseConfig) else None,
     }
 
 
@@ -151,7 +150,7 @@ def _pushes(view: RunView) -> list[dict[str, float]]:
 
 def _updates(view: RunView) -> dict[str, Floats]:
     """Return the stamps [s], errors [degrees] and rates [rad/s] that were the inputs of the inference."""
-    if not isinstance(view.controller, FuzzyPidConfig):
+    if not isinstance(view.controller, RuleBaseConfig):
         return {}
     terms = view.terms
     return {
@@ -161,20 +160,41 @@ def _updates(view: RunView) -> dict[str, Floats]:
     }
 
 
-def _surfaces(config: FuzzyPidConfig, updates: Columns) -> dict[str, Any]:
-    rules = config.rules
+class Surface(NamedTuple):
+    """What a rule base infers on a grid over its universe."""
+
+    errors: Floats  # rad
+    rates: Floats  # rad/s
+    values: Floats  # [rate, error, output]
+
+
+def surface_of(config: RuleBaseConfig) -> Surface:
+    """Return the values that the rules of a controller infer, on a grid from its first peaks to its last."""
     errors, rates = (
         np.linspace(peaks[0], peaks[-1], _SURFACE_POINTS, dtype=np.float64)
-        for peaks in (rules.error_peaks, rules.rate_peaks)
+        for peaks in config.peaks
     )
-    grid = np.array([[infer(e, r, rules) for e in errors.tolist()] for r in rates.tolist()])
+    infer = config.inference
+    grid = [[infer(e, r) for e in errors.tolist()] for r in rates.tolist()]
+    return Surface(errors, rates, np.array(grid))
+
+
+def _surfaces(config: RuleBaseConfig, updates: Columns) -> dict[str, Any]:
+    surface = surface_of(config)
+    outputs = [
+        {
+            "id": table.name,
+            "values": packed(surface.values[:, :, i].ravel()),
+            "range": None if table.name == "alpha" else table.numbers[:2],
+        }
+        for i, table in enumerate(config.tables)
+    ]
+    error_peaks, rate_peaks = config.peaks
     return {
-        "error": packed(np.degrees(errors)),
-        "rate": packed(rates),
-        "kp": packed(grid[:, :, 0].ravel()),
-        "kd": packed(grid[:, :, 1].ravel()),
-        "alpha": packed(grid[:, :, 2].ravel()),
-        "errorPeaks": [degrees(peak) for peak in rules.error_peaks],
-        "ratePeaks": list(rules.rate_peaks),
+        "error": packed(np.degrees(surface.errors)),
+        "rate": packed(surface.rates),
+        "outputs": outputs,
+        "errorPeaks": [degrees(peak) for peak in error_peaks],
+        "ratePeaks": list(rate_peaks),
         "updates": updates,
     }

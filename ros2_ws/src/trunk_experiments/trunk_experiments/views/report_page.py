@@ -16,7 +16,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
-from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util.files import atomic_write
 
 from .report import Report, number, quantity_label
@@ -56,7 +55,6 @@ def render(report: Report) -> str:
     return environment.get_template("page.html").render(
         report=report,
         data=htmlsafe_json_dumps(report.data, allow_nan=False, separators=(",", ":")),
-        labels=INPUT_LABELS,
         policy=_policy(scripts),
         # Our own files, nothing from the recording: the only text that is not escaped.
         style=Markup((assets / "style.css").read_text(encoding="utf-8")),

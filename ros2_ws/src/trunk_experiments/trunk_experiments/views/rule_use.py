@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.rule_base import RuleBaseConfig
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from trunk_control.fuzzy import FuzzyRules
     from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 
     from .run_view import RunView
@@ -20,20 +19,22 @@ if TYPE_CHECKING:
 def rule_use(view: RunView) -> list[list[int]]:
     """Return how many updates fired each rule (weight above 0), [label of e][label of e_dot]."""
     config = view.controller
-    if not isinstance(config, FuzzyPidConfig):
+    if not isinstance(config, RuleBaseConfig):
         return []
     terms = view.terms
     errors, rates = (terms.column("position", name) for name in ("error", "error_rate"))
-    return times_fired(errors, rates, config.rules)
+    return times_fired(errors, rates, *config.peaks)
 
 
-def times_fired(errors: Floats, rates: Floats, rules: FuzzyRules) -> list[list[int]]:
+def times_fired(
+    errors: Floats, rates: Floats, error_peaks: Sequence[float], rate_peaks: Sequence[float]
+) -> list[list[int]]:
     """Return how many of the inputs [rad, rad/s] fire each rule: `fired_rules` of all at once."""
-    i, a = _located(errors, rules.error_peaks)
-    j, b = _located(rates, rules.rate_peaks)
+    i, a = _located(errors, error_peaks)
+    j, b = _located(rates, rate_peaks)
     both = a * b
     later = b - both
-    counts = np.zeros((len(rules.error_peaks), len(rules.rate_peaks)), np.int64)
+    counts = np.zeros((len(error_peaks), len(rate_peaks)), np.int64)
     for rows, columns, weights in (
         (i, j, 1.0 - a - later),
         (i, j + 1, later),

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.laws import law_named
+from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.reader import Recording
@@ -85,7 +85,7 @@ class RunView:
             node: cast("ControllerConfig | None", config(node) if node in CONTROLLERS else None)
             for node in run.controllers
         }
-        fuzzy = [node for node, c in controllers.items() if isinstance(c, FuzzyPidConfig)]
+        fuzzy = [node for node, c in controllers.items() if isinstance(c, RuleBaseConfig)]
         name = fuzzy[0] if fuzzy else run.recording.controller
         for node in run.controllers:  # kept: the turns and the table of the run need them too
             run.table(topics.controller_state(node))

@@ -58,8 +58,9 @@ class Declaration:
     unbounded: bool = False  # infinities are allowed
     choices: tuple[str, ...] = ()
     length: int | None = None
-    longest: int | None = None  # of an array without a fixed length
-    each: str = ""  # what one element of an array of fixed length is
+    shortest: int = 0  # of an array without a fixed length
+    longest: int | None = None  # likewise
+    each: str = ""  # what one element of an array is
     fixed: bool = False  # cannot change after start
     unit_by: str = ""  # the parameter whose value chooses the unit among ``units``
     units: tuple[tuple[str, str], ...] = ()  # that value, and the unit
@@ -70,9 +71,11 @@ class Declaration:
         each = "each " if self.kind.endswith("array") else ""
         phrase = self.kind
         if self.length is not None:
-            phrase += f" of {self.length}{', ' if self.each else ''}{self.each}"
+            phrase += f" of {self.length}"
         elif self.longest is not None:
-            phrase += f" of at most {self.longest}"
+            least = f"{self.shortest} to" if self.shortest else "at most"
+            phrase += f" of {least} {self.longest}"
+        phrase += f", {self.each}" if self.each else ""
         if self.choices:
             return f"{phrase}, {each}one of {', '.join(self.choices)}"
         bounds = self.bounds()
@@ -170,8 +173,10 @@ def check(declaration: Declaration, value: object) -> Value:
         if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
             raise ParameterError(declaration.name, value, declaration.allowed())
         items = tuple(value)
-        if (declaration.length is not None and len(items) != declaration.length) or (
-            declaration.longest is not None and len(items) > declaration.longest
+        if (
+            (declaration.length is not None and len(items) != declaration.length)
+            or (declaration.longest is not None and len(items) > declaration.longest)
+            or len(items) < declaration.shortest
         ):
             raise ParameterError(declaration.name, items, declaration.allowed())
         return tuple(_scalar(declaration, item, items) for item in items)

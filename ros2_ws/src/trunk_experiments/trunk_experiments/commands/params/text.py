@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from textwrap import indent
 
-from trunk_control.rule_tables import INPUT_LABELS
+from trunk_control.rule_tables import FEWEST, Axes
 from trunk_msgs_util.parameters.csv_parameters import listed
 from trunk_msgs_util.parameters.declarations import Declaration
 
@@ -34,7 +34,8 @@ def allowed_text(declaration: Declaration) -> str:
     """Return the allowed values besides the type: choices, or bounds; for an array, of each value."""
     size = f"{declaration.length} values" if declaration.length is not None else ""
     if declaration.longest is not None:
-        size = f"up to {declaration.longest} values"
+        least = f"{declaration.shortest} to" if declaration.shortest else "up to"
+        size = f"{least} {declaration.longest} values"
     each = ", ".join(declaration.choices) or declaration.bounds()
     if declaration.kind == "bool":
         each = "true, false"
@@ -42,18 +43,19 @@ def allowed_text(declaration: Declaration) -> str:
 
 
 def is_rule_table(value: object) -> bool:
-    """Return True for rows of as many labels as there are rows."""
+    """Return True for rows of several cells, as many in each."""
     return (
         isinstance(value, tuple | list)
-        and len(value) == len(INPUT_LABELS)
-        and all(isinstance(row, str) and len(row.split()) == len(value) for row in value)
+        and len(value) >= FEWEST
+        and all(isinstance(row, str) and len(row.split()) >= FEWEST for row in value)
+        and len({len(row.split()) for row in value}) == 1
     )
 
 
-def rule_table_text(rows: Sequence[str]) -> str:
+def rule_table_text(rows: Sequence[str], axes: Axes) -> str:
     """Return a rule table with its labels: a row for each label of e, a column for each of e_dot."""
-    cells: list[Sequence[str]] = [("e \\ e_dot", *INPUT_LABELS)]
-    cells += [(label, *row.split()) for label, row in zip(INPUT_LABELS, rows, strict=True)]
+    cells: list[Sequence[str]] = [("e \\ e_dot", *axes.rate)]
+    cells += [(label, *row.split()) for label, row in zip(axes.error, rows, strict=True)]
     return indent("\n".join(aligned(cells)), " " * 4)
 
 
@@ -67,7 +69,8 @@ def markdown_rows(node: str) -> dict[str, str]:
             default = "as printed" if declaration.name.startswith("rules") else "even"
         size = f"[{declaration.length}]" if declaration.length is not None else ""
         if declaration.longest is not None:
-            size = f"[≤{declaration.longest}]"
+            least = f"{declaration.shortest}…" if declaration.shortest else "≤"
+            size = f"[{least}{declaration.longest}]"
         cells = (
             f"`{declaration.name}`" + ("" if not declaration.fixed else " *"),
             declaration.kind + size,

@@ -7,18 +7,23 @@ const rules = (() => {
   const apply = document.getElementById("apply");
   const discard = document.getElementById("discard");
   const restore = document.getElementById("rules-default");
-  const LABELS = ["NB", "NM", "NS", "ZO", "PS", "PM", "PB"];
-  const TABLES = [["rules.kp", "Kp′", ["S", "B"]], ["rules.kd", "Kd′", ["S", "B"]], ["rules.alpha", "α", ["S", "MS", "M", "B"]]];
   const CORNERS = [[0, 0, "w00"], [0, 1, "w01"], [1, 0, "w10"], [1, 1, "w11"]];
-  const tables = [];
+  let tables = [];
+  let base = ""; // labels and tables as they are shown
   const changed = new Map(); // "rules.kp" -> rows as they are to be
   let lit = [];
   let shown = "";
 
-  const has = (name) => Boolean(known.nodes.get(name)?.parameters["rules.kp"]);
+  const has = (name) => Boolean(known.nodes.get(name)?.rules);
   const owner = () => [...known.run.acting, shown, ...known.nodes.keys()].find(has);
   const rowsOf = (name) => changed.get(name) ?? known.nodes.get(shown).parameters[name];
 
+  // The default rules are for the default labels: they do not fit a base of another size.
+  const fits = (name) => {
+    const usual = known.declared.get(shown)?.[name]?.default;
+    const { error, rate } = known.nodes.get(shown).rules;
+    return usual?.length === error.length && cellsOf(usual[0]).length === rate.length;
+  };
   const cellsOf = (text) => text.split(/\s+/).filter(Boolean);
   const click = (name, labels, row, column) => {
     const rows = rowsOf(name).map(cellsOf);
@@ -41,33 +46,34 @@ const rules = (() => {
   });
   restore.addEventListener("click", () => {
     changed.clear();
-    for (const [name] of TABLES) changed.set(name, known.declared.get(shown)[name].default);
+    for (const { name } of tables.filter((table) => fits(table.name))) changed.set(name, known.declared.get(shown)[name].default);
     send();
   });
 
-  const make = ([name, title, labels]) => {
+  const make = ({ name, title, labels }, { error, rate }) => {
     const box = document.createElement("div");
     box.className = "rule-table";
     const table = document.createElement("table");
     table.className = "rules";
+    if (rate.length > 9) table.style.minWidth = `${2.4 * rate.length}rem`;
     const caption = table.createCaption();
     caption.textContent = `${title}: rows e, columns ė`;
     const head = table.createTHead().insertRow();
     head.insertCell();
-    for (const label of LABELS) {
+    for (const label of rate) {
       const cell = document.createElement("th");
       cell.scope = "col";
       cell.textContent = label;
       head.append(cell);
     }
     const body = table.createTBody();
-    const cells = LABELS.map((label, row) => {
+    const cells = error.map((label, row) => {
       const line = body.insertRow();
       const heading = document.createElement("th");
       heading.scope = "row";
       heading.textContent = label;
       line.append(heading);
-      return LABELS.map((_, column) => {
+      return rate.map((_, column) => {
         const cell = line.insertCell();
         const button = document.createElement("button");
         button.type = "button";
@@ -89,9 +95,15 @@ const rules = (() => {
     const name = owner();
     section.hidden = !name;
     if (!name) return;
-    if (name !== shown) changed.clear();
+    const { rules: labels } = known.nodes.get(name);
+    if (name !== shown || JSON.stringify(labels) !== base) {
+      changed.clear();
+      base = JSON.stringify(labels);
+      place.replaceChildren();
+      lit = [];
+      tables = labels.tables.map((table) => make(table, labels));
+    }
     shown = name;
-    if (!tables.length) tables.push(...TABLES.map(make));
     document.getElementById("rules-of").textContent = name;
     const now = known.nodes.get(name).parameters;
     const declared = known.declared.get(name);
@@ -100,7 +112,7 @@ const rules = (() => {
     for (const { name: table, title, cells } of tables) {
       const rows = rowsOf(table).map(cellsOf);
       const before = now[table].map(cellsOf);
-      const usual = (declared?.[table]?.default ?? now[table]).map(cellsOf);
+      const usual = (fits(table) ? declared[table].default : now[table]).map(cellsOf);
       cells.forEach((line, row) => line.forEach((cell, column) => {
         const button = cell.firstChild;
         const label = rows[row]?.[column] ?? "";
@@ -109,7 +121,7 @@ const rules = (() => {
         const differs = label !== usual[row]?.[column];
         edited += differs;
         const note = differs ? `, by default ${usual[row]?.[column]}` : "";
-        button.setAttribute("aria-label", `${title} at e ${LABELS[row]}, ė ${LABELS[column]}: ${label}${note}`);
+        button.setAttribute("aria-label", `${title} at e ${labels.error[row]}, ė ${labels.rate[column]}: ${label}${note}`);
         cell.toggleAttribute("data-edited", differs);
         cell.toggleAttribute("data-changed", label !== before[row]?.[column]);
       }));
@@ -146,7 +158,8 @@ const rules = (() => {
       dot.style.left = `${middle[0] + (value("w01") + value("w11")) * first.offsetWidth}px`;
       dot.style.top = `${middle[1] + (value("w10") + value("w11")) * first.offsetHeight}px`;
     }
-    const gains = [["kp", "Kp"], ["ki", "Ki"], ["kd", "Kd"], ["alpha", "α"]].map(([name, title]) => `${title} ${showNumber(value(name))}`);
+    const gains = [["kp", "Kp"], ["ki", "Ki"], ["kd", "Kd"], ["alpha", "α"]]
+      .filter(([name]) => Number.isFinite(value(name))).map(([name, title]) => `${title} ${showNumber(value(name))}`);
     const words = there ? `Now: ${gains.join(", ")}.` : "";
     const line = document.getElementById("gains-now");
     if (line.textContent !== words) line.textContent = words;

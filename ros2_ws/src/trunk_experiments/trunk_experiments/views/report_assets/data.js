@@ -65,7 +65,8 @@ const unpackReport = (() => {
       run.columns.error = theta.map((v, i) => reference[i] - v);
       const { fuzzy } = run;
       if (!fuzzy) continue;
-      for (const name of ["error", "rate", "kp", "kd", "alpha"]) fuzzy[name] = await unpack(fuzzy[name]);
+      for (const name of ["error", "rate"]) fuzzy[name] = await unpack(fuzzy[name]);
+      for (const output of fuzzy.outputs) output.values = await unpack(output.values);
       fuzzy.updates = await unpackAll(fuzzy.updates);
     }
     report.start = Math.min(...report.runs.map((run) => run.columns.t[0]));

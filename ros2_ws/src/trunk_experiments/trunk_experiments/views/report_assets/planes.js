@@ -77,12 +77,11 @@ const makeMaps = () => {
       return ways.get(key);
     };
     const whole = { x: [fuzzy.error[0], fuzzy.error[columns - 1]], y: [fuzzy.rate[0], fuzzy.rate[fuzzy.rate.length - 1]] };
-    for (const name of ["kp", "kd", "alpha"]) {
-      const z = Array.from(fuzzy.rate, (_, i) => fuzzy[name].subarray(i * columns, (i + 1) * columns));
-      const [low, high] = name === "alpha" ? [2, 5] : [0, 1];
+    for (const { id, values, range } of fuzzy.outputs) {
+      const z = Array.from(fuzzy.rate, (_, i) => values.subarray(i * columns, (i + 1) * columns));
       const surface = () => ({
-        type: "heatmap", x: fuzzy.error, y: fuzzy.rate, z, colorscale: "Cividis", zauto: name === "alpha",
-        zmin: low, zmax: high, colorbar: { thickness: 12, len: 1, outlinewidth: 0, xpad: 6, ticklabelposition: "outside", nticks: 6 },
+        type: "heatmap", x: fuzzy.error, y: fuzzy.rate, z, colorscale: "Cividis", zauto: !range,
+        zmin: range?.[0], zmax: range?.[1], colorbar: { thickness: 12, len: 1, outlinewidth: 0, xpad: 6, ticklabelposition: "outside", nticks: 6 },
         hovertemplate: "e %{x:.4~g}°, ė %{y:.4~g} rad/s: %{z:.5~g}<extra></extra>",
       });
       const peaks = (values, axis) => values.map((v) => ({
@@ -91,7 +90,7 @@ const makeMaps = () => {
         line: { color: "rgba(255,255,255,.45)", width: 1, dash: "dot" },
       }));
       dotChart(
-        document.getElementById(`map-${index}-${name}`),
+        document.getElementById(`map-${index}-${id}`),
         (chart) => {
           const gone = {
             ...wayIn(boxOf(chart, whole)), line: { color: "#ffffff", width: 1.6 },

@@ -1,0 +1,148 @@
+"""The parameters that laws with rule tables share: both inputs' universes, triangles and labels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import pi
+from typing import Any
+
+from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+
+from .controller_config import ControllerConfig
+from .fuzzy import FiredRule
+from .rule_tables import FEWEST, MOST, Axes, Range, RuleTable, check_labels, input_labels
+
+EVEN_PEAKS = tuple(i / 3.0 for i in range(-3, 4))
+
+
+def labels_parameter(name: str, default: tuple[str, ...], description: str) -> Any:
+    """Return the declaration of labels."""
+    least = 1 if default else 0
+    return parameter(name, default, description, element=str, shortest=least, longest=MOST)
+
+
+def centers_parameter(
+    name: str, default: tuple[float, ...], description: str, **limits: Any
+) -> Any:
+    """Return the declaration of the centres of labels, as many as these."""
+    return parameter(name, default, description, shortest=1, longest=MOST, **limits)
+
+
+def table_parameter(name: str, default: tuple[str, ...], description: str) -> Any:
+    """Return the declaration of a rule table."""
+    row = "one row for each label of e"
+    return parameter(name, default, description, shortest=FEWEST, longest=MOST, each=row)
+
+
+def _peaks(name: str, of: str) -> Any:
+    return parameter(
+        name,
+        EVEN_PEAKS,
+        f"Peaks of {of} triangles, as fractions of the universe, ascending",
+        shortest=FEWEST,
+        longest=MOST,
+        minimum=-1.0,
+        maximum=1.0,
+    )
+
+
+@dataclass(frozen=True)
+class RuleBaseConfig(ControllerConfig):
+    """The inputs of a rule base: where the triangles of e and of e_dot have their peaks, and their labels."""
+
+    error_range: float = parameter(
+        "fuzzy.error_range", pi / 2.0, "Universe of e: +- this", unit="rad", above=0.0, maximum=1e3
+    )
+    rate_range: float = parameter(
+        "fuzzy.rate_range", 5.0, "Universe of e_dot: +- this", unit="rad/s", above=0.0, maximum=1e5
+    )
+    error_peaks: tuple[float, ...] = _peaks("fuzzy.error_peaks", "e's")
+    rate_peaks: tuple[float, ...] = _peaks("fuzzy.rate_peaks", "e_dot's")
+    error_labels: tuple[str, ...] = labels_parameter(
+        "fuzzy.error_labels",
+        (),
+        "Labels of e, one for each peak; none: the usual ones of 3, 5, 7 or 9 peaks, else E1, E2 ...",
+    )
+    rate_labels: tuple[str, ...] = labels_parameter(
+        "fuzzy.rate_labels",
+        (),
+        "Labels of e_dot, one for each peak; none: the usual ones of 3, 5, 7 or 9 peaks, else R1, R2 ...",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for peaks, name in (
+            (self.error_peaks, "fuzzy.error_peaks"),
+            (self.rate_peaks, "fuzzy.rate_peaks"),
+        ):
+            if any(b <= a for a, b in pairwise(peaks)):
+                raise ParameterError(name, peaks, "strictly increasing peaks")
+        for labels, count, name in (
+            (self.error_labels, len(self.error_peaks), "fuzzy.error_labels"),
+            (self.rate_labels, len(self.rate_peaks), "fuzzy.rate_labels"),
+        ):
+            try:
+                input_labels(labels, count, "E")
+            except ValueError as error:
+                raise ParameterError(name, labels, str(error)) from None
+        for table in self.tables:
+            try:
+                table.values(self.axes)
+            except ValueError as error:
+                raise ParameterError(f"rules.{table.name}", table.rows, str(error)) from None
+
+    @property
+    def axes(self) -> Axes:
+        """The labels of e and of e_dot."""
+        return Axes(
+            input_labels(self.error_labels, len(self.error_peaks), "E"),
+            input_labels(self.rate_labels, len(self.rate_peaks), "R"),
+        )
+
+    @property
+    def tables(self) -> tuple[RuleTable, ...]:
+        """The tables ``rules.*``, in the order of the outputs; each law defines them."""
+        raise NotImplementedError
+
+    @property
+    def inference(self) -> Callable[[float, float], tuple[float, ...]]:
+        """The value of each table as a function of e in rad and e_dot in rad/s; each law defines it."""
+        raise NotImplementedError
+
+    def fired(self, error: float, rate: float) -> tuple[FiredRule, ...]:
+        """Return the four rules that fire at e in rad and e_dot in rad/s; each law defines it."""
+        raise NotImplementedError
+
+    @property
+    def peaks(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """The peaks of e in rad and of e_dot in rad/s."""
+        return (
+            tuple(self.error_range * peak for peak in self.error_peaks),
+            tuple(self.rate_range * peak for peak in self.rate_peaks),
+        )
+
+
+def rule_table(
+    name: str,
+    rows: tuple[str, ...],
+    labels: Sequence[str],
+    values: Sequence[float],
+    numbers: Range,
+) -> RuleTable:
+    """Return the table ``rules.NAME`` with the labels and centres of ``fuzzy.NAME_labels`` and ``_centers``.
+
+    Raises ParameterError for labels that cannot be, and for another number of centres.
+    """
+    try:
+        check_labels(labels)
+    except ValueError as error:
+        raise ParameterError(f"fuzzy.{name}_labels", labels, str(error)) from None
+    if len(values) != len(labels):
+        raise ParameterError(
+            f"fuzzy.{name}_centers",
+            values,
+            f"as many as fuzzy.{name}_labels ({len(labels)}: {', '.join(labels)})",
+        )
+    return RuleTable(name, rows, dict(zip(labels, values, strict=True)), numbers)
