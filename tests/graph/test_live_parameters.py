@@ -168,7 +168,11 @@ def test_linked_values_and_rules(children: Children, peer: Peer) -> None:
     assert services.get("rules.kp") == [rows]
     result = services.set(fuzzy__error_peaks=[0.0, nan])
     assert not result.successful
-    assert "double array of 7" in result.reason
+    assert "finite double array of 2 to 64" in result.reason
+    result = services.set(rules__kp__NM__PX="S")
+    assert not result.successful
+    assert "PX is no column of rules.kp: NB, NM, NS, ZO, PS, PM, PB" in result.reason
+    assert not services.set(rules__kp__NM__PB="X").successful
 
     peer.until(lambda: len([p for p in peer.parameters if p.changed]) == 2, "changes are published")
     changes = [p for p in peer.parameters if p.changed]

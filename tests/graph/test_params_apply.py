@@ -80,7 +80,9 @@ def test_a_file_is_applied_as_a_whole(
     assert pid.stop() == 0, pid.stderr
 
 
-def test_rule_tables_in_a_namespace(children: Children, peer: Peer, apply: Apply) -> None:
+def test_rule_tables_in_a_namespace(
+    children: Children, peer: Peer, apply: Apply, tmp_path: Path
+) -> None:
     node = children.node("fuzzy_pid", "-r", "__ns:=/robot2")
     peer.hear_run("/robot2")
     peer.until_up("/robot2/fuzzy_pid")
@@ -90,6 +92,16 @@ def test_rule_tables_in_a_namespace(children: Children, peer: Peer, apply: Apply
     assert kp.startswith("rules.kp: [B B B B B B B, S S B B B S S, ")
     assert "-> [S S S S S S S, B B S S S B B, " in kd
     assert apply("robot2/fuzzy_pid", "fuzzy_zhao_1993")[1] == ["nothing to change"]
+    # One cell, by a file and by ROS 2's own service.
+    file = tmp_path / "cell.yaml"
+    file.write_text("fuzzy_pid:\n  ros__parameters: {rules: {kd: {NB: {PB: 0.5}}}}\n")
+    assert apply("fuzzy_pid", file, "--namespace", "robot2")[0] == 0
+    sent = Parameter("rules.kd.NB.NB", value="B").to_parameter_msg()
+    service = "/robot2/fuzzy_pid/set_parameters"
+    (result,) = peer.call(SetParameters, service, parameters=[sent]).results
+    assert result.successful, result.reason
+    ((first, *_),) = values(peer, "robot2/fuzzy_pid", "rules.kd")
+    assert first == "B S S S S S 0.5"
     assert node.stop() == 0, node.stderr
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from math import pi
 from typing import Any
@@ -33,7 +34,9 @@ def centers_parameter(
 def table_parameter(name: str, default: tuple[str, ...], description: str) -> Any:
     """Return the declaration of a rule table."""
     row = "one row for each label of e"
-    return parameter(name, default, description, shortest=FEWEST, longest=MOST, each=row)
+    return parameter(
+        name, default, description, shortest=FEWEST, longest=MOST, each=row, table=True
+    )
 
 
 def _peaks(name: str, of: str) -> Any:
@@ -79,26 +82,33 @@ class RuleBaseConfig(ControllerConfig):
         ):
             if any(b <= a for a, b in pairwise(peaks)):
                 raise ParameterError(name, peaks, "strictly increasing peaks")
-        for labels, count, name in (
-            (self.error_labels, len(self.error_peaks), "fuzzy.error_labels"),
-            (self.rate_labels, len(self.rate_peaks), "fuzzy.rate_labels"),
-        ):
-            try:
-                input_labels(labels, count, "E")
-            except ValueError as error:
-                raise ParameterError(name, labels, str(error)) from None
+        axes = self.axes
         for table in self.tables:
             try:
-                table.values(self.axes)
+                table.values(axes)
             except ValueError as error:
                 raise ParameterError(f"rules.{table.name}", table.rows, str(error)) from None
+
+    @staticmethod
+    def table_labels(values: Mapping[str, object]) -> Axes:
+        """Return the labels of the tables' rows and columns, from values of all parameters (`with_cells`).
+
+        Raises ParameterError for labels that do not fit the peaks.
+        """
+        return Axes(
+            *(
+                _labels(f"fuzzy.{axis}_labels", values[f"fuzzy.{axis}_labels"], peaks, letter)
+                for axis, letter in (("error", "E"), ("rate", "R"))
+                for peaks in [values[f"fuzzy.{axis}_peaks"]]
+            )
+        )
 
     @property
     def axes(self) -> Axes:
         """The labels of e and of e_dot."""
         return Axes(
-            input_labels(self.error_labels, len(self.error_peaks), "E"),
-            input_labels(self.rate_labels, len(self.rate_peaks), "R"),
+            _labels("fuzzy.error_labels", self.error_labels, self.error_peaks, "E"),
+            _labels("fuzzy.rate_labels", self.rate_labels, self.rate_peaks, "R"),
         )
 
     @property
@@ -124,11 +134,20 @@ class RuleBaseConfig(ControllerConfig):
         )
 
 
+def _labels(name: str, given: Any, peaks: Any, letter: str) -> tuple[str, ...]:
+    """Return the labels of an input's peaks (`input_labels`). Raises ParameterError naming the parameter."""
+    try:
+        return input_labels(tuple(given), len(peaks), letter)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(name, given, str(error)) from None
+
+
+@lru_cache(maxsize=256)
 def rule_table(
     name: str,
     rows: tuple[str, ...],
-    labels: Sequence[str],
-    values: Sequence[float],
+    labels: tuple[str, ...],
+    values: tuple[float, ...],
     numbers: Range,
 ) -> RuleTable:
     """Return the table ``rules.NAME`` with the labels and centres of ``fuzzy.NAME_labels`` and ``_centers``.

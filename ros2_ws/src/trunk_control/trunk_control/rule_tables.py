@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 INPUT_LABELS = ("NB", "NM", "NS", "ZO", "PS", "PM", "PB")
 # The usual names of so many triangles; of nine, the seven with "very big" at either end.
@@ -111,7 +111,8 @@ class RuleTable(NamedTuple):
         return centers(self.rows, self.centers, axes, self.numbers)
 
 
-def input_labels(given: Sequence[str], count: int, letter: str) -> tuple[str, ...]:
+@lru_cache(maxsize=256)  # a sweep makes thousands of configurations
+def input_labels(given: tuple[str, ...], count: int, letter: str) -> tuple[str, ...]:
     """Return the labels of an input with so many triangles: as given, else the standard ones, else numbers.
 
     ``letter``: of labels that are numbered, E1, E2 and so on. Raises ValueError for another number of labels,
@@ -123,7 +124,7 @@ def input_labels(given: Sequence[str], count: int, letter: str) -> tuple[str, ..
     if len(given) != count:
         raise ValueError(f"one label for each of the {count} peaks; there are {len(given)}")
     check_labels(given)
-    return tuple(given)
+    return given
 
 
 def check_labels(labels: Sequence[str]) -> None:
@@ -171,6 +172,45 @@ def _centers(
                 )
             table.append(number)
     return tuple(table)
+
+
+def is_table(value: object) -> bool:
+    """Return True for rows of cells, at least two of each, as many in each row."""
+    return (
+        isinstance(value, tuple | list)
+        and len(value) >= FEWEST
+        and all(isinstance(row, str) and len(row.split()) >= FEWEST for row in value)
+        and len({len(row.split()) for row in value}) == 1
+    )
+
+
+def axes_of(rows: Sequence[str], parameters: Mapping[str, Any]) -> Axes:
+    """Return the labels of a table, for display: its node's where they fit, else the usual ones."""
+
+    def labels(axis: str, count: int, letter: str) -> tuple[str, ...]:
+        given = parameters.get(f"fuzzy.{axis}_labels", ())
+        return tuple(given) if len(given) == count else input_labels((), count, letter)
+
+    return Axes(labels("error", len(rows), "E"), labels("rate", len(rows[0].split()), "R"))
+
+
+class CellChange(NamedTuple):
+    """A cell of two tables of one shape that is not the same in both."""
+
+    row: int
+    column: int
+    before: str
+    after: str
+
+
+def cell_changes(before: Sequence[str], after: Sequence[str]) -> tuple[CellChange, ...]:
+    """Return the cells in which two tables differ. Raises ValueError for tables of different shapes."""
+    return tuple(
+        CellChange(i, j, old, new)
+        for i, rows in enumerate(zip(before, after, strict=True))
+        for j, (old, new) in enumerate(zip(*(row.split() for row in rows), strict=True))
+        if old != new
+    )
 
 
 def _number(cell: str) -> float | None:

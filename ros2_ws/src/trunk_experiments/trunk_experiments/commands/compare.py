@@ -8,14 +8,13 @@ from pathlib import Path
 import click
 
 from ..analysis.metrics import QUANTITIES, MetricText
+from ..analysis.parameter_text import differing_texts
 from ..console.document import json_option, write_json
 from ..console.reading import open_views, show_warnings_of
 from ..console.tables import csv_table, markdown_table, print_table
 from ..console.terminal import print_title
-from ..views.compare import Comparison, Row, compare
+from ..views.compare import Comparison, Row, compare, table_grids
 from ..views.task import not_ranked
-
-_LONGEST = 20  # values of an array that are listed
 
 
 @click.command("compare")
@@ -115,8 +114,11 @@ def as_markdown(comparison: Comparison) -> str:
         rows.append((quantity.label, quantity.unit, *shown))
     lines += [markdown_table(("quantity", "unit", *names), rows)]
     if comparison.parameters:
-        settings = [(k, *map(setting, v)) for k, v in comparison.parameters.items()]
-        lines += ["", markdown_table(("parameter", *names), settings)]
+        lines += ["", markdown_table(("parameter", *names), settings(comparison))]
+    for title, (head, *cells) in table_grids(
+        comparison.names, comparison.parameters, comparison.axes
+    ):
+        lines += ["", f"{title}:", "", markdown_table(head, cells)]
     notes = [*branched(comparison), *divergences(comparison)]
     lines += ["", *(f"- {name}: {where}" for name, where in notes)]
     return "\n".join(lines).rstrip()
@@ -141,14 +143,12 @@ def number(row: Row, run: int) -> str:
     return row.missing[run] if value is None else f"{value:.6g}"
 
 
-def setting(value: object) -> str:
-    """Return a parameter's value as text, a dash if a run has none."""
-    if isinstance(value, tuple):
-        more = f", … ({len(value)} in all)" if len(value) > _LONGEST else ""
-        return "[" + ", ".join(map(setting, value[:_LONGEST])) + more + "]"
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    return "–" if value is None else str(value)
+def settings(comparison: Comparison) -> list[tuple[str, ...]]:
+    """Return the rows of the table of differing parameters."""
+    return [
+        (name, *differing_texts(values, comparison.axes.get(name)))
+        for name, values in comparison.parameters.items()
+    ]
 
 
 def doubtful(comparison: Comparison) -> list[str]:
@@ -182,8 +182,12 @@ def _show(comparison: Comparison) -> None:
         print_table(
             "parameters that differ",
             ("parameter", *comparison.names),
-            [(name, *map(setting, values)) for name, values in comparison.parameters.items()],
+            settings(comparison),
         )
+    for title, (head, *cells) in table_grids(
+        comparison.names, comparison.parameters, comparison.axes
+    ):
+        print_table(title, head, cells)
     for name, whose in branched(comparison):
         click.echo(f"{name}: {whose}")
     if comparison.diffs:

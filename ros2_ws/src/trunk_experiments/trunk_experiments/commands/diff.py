@@ -9,6 +9,7 @@ import click
 
 from ..console.document import json_option, write_json
 from ..console.reading import open_run, run_values, show_damage
+from ..console.tables import print_table
 from ..replay.diff import diff
 
 
@@ -55,6 +56,9 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     ):
         for line in lines:
             click.echo(f"  {title}: {line}")
+    for name, (head, *rows) in difference.tables.items():
+        click.echo()
+        print_table(f"{name}: from A to B", head, rows)
     ctx.exit(0 if difference.identical else 1)
 
 

@@ -128,6 +128,7 @@ def as_values(explanation: Explanation) -> dict[str, Any]:
         "derivative_mode": explanation.derivative_mode,
         "disturbance": explanation.disturbance._asdict(),
         "rules": [_rule_values(rule) for rule in explanation.rules],
+        "changed_tables": dict(explanation.changed),
         "terms": explanation.terms._asdict(),
         "units": dict(explanation.units),
         "by_model": explanation.by_model,
@@ -250,6 +251,10 @@ def _show(explanation: Explanation) -> None:
                 if rule.weight > 0.0
             ],
         )
+        for table, cells in explanation.changed.items():
+            click.echo(f"{table}, from the default: {cells}")
+        if explanation.changed:
+            click.echo()
     low, high = explanation.limits
     free = not (isfinite(low) or isfinite(high))
     print_table(

@@ -14,7 +14,9 @@ from trunk_msgs_util.parameters.declarations import (
     ParameterError,
     declarations,
     of_every_node,
+    table_of,
     unknown_name,
+    with_cells,
 )
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 from trunk_msgs_util.parameters.to_si import to_si, written_with_units
@@ -63,7 +65,7 @@ def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, objec
         raise ParameterFileError(f"{layer.source}: nothing for {node} in it; it is for {there}")
     for section in sections:
         for name in section.values if "*" not in section.last_token else ():
-            if name not in declared and not of_every_node(name):
+            if name not in declared and not table_of(name, declared) and not of_every_node(name):
                 raise ParameterFileError(
                     f"{layer.source}: {section.pattern}: parameter {name!r}: "
                     f"{unknown_name(name, declared)}"
@@ -96,6 +98,28 @@ def with_numbers(
     return {name: value for name, value in said.items() if name not in planned} | {
         name: list(value) if isinstance(value, tuple) else value for name, value in numbers.items()
     }
+
+
+def with_tables(
+    node: str,
+    source: str,
+    said: Mapping[str, object],
+    values: Callable[[Sequence[str]], Mapping[str, Any]],
+) -> dict[str, object]:
+    """Return a layer's values for a node with changed tables in place of cells.
+
+    ``values`` returns the node's values of some names. Raises ParameterFileError for a cell that is not
+    there.
+    """
+    config = _config(node)
+    if config is None or not any(table_of(name, declarations(config)) for name in said):
+        return dict(said)
+    present = values([name for name in declarations(config) if name not in said])
+    try:
+        changed = with_cells(config, said, present)
+    except ParameterError as error:
+        raise ParameterFileError(f"{source}: {node}: {error}") from None
+    return {name: list(v) if isinstance(v, tuple) else v for name, v in changed.items()}
 
 
 def choosers_of(node: str, said: Mapping[str, object]) -> list[str]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from trunk_msgs_util.parameters.csv_files import numbers_for
-from trunk_msgs_util.parameters.declarations import ParameterError, build, declarations
+from trunk_msgs_util.parameters.declarations import ParameterError, build, declarations, table_of
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 from trunk_msgs_util.parameters.to_si import to_si, written_with_units
 
@@ -46,7 +46,10 @@ def config_from(node: str, layers: Sequence[Layer], namespace: str) -> Resolved:
 def _source(node: str, name: str, layers: Sequence[Layer]) -> str:
     """Return the layer that gave a node its value of a parameter."""
     for layer in reversed(layers):
-        if any(s.matches(node) and name in s.values for s in layer.sections):
+        if any(
+            s.matches(node) and any(key == name or table_of(key, {name}) for key in s.values)
+            for s in layer.sections
+        ):
             return layer.source
     return "defaults"
 

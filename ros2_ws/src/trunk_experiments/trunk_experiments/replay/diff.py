@@ -9,10 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trunk_control.rule_tables import axes_of, is_table
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays
 from trunk_msgs_util.units import seconds
 
+from ..analysis.parameter_text import change_grid, change_text, differing_texts
 from ..recorded.run import RecordedRun
 from .bits import ulps
 
@@ -86,6 +88,9 @@ class RunDiff:
     same_plan: bool = True
     hip: str = "hip"  # the name of the hip's joint
     parameters: list[str] = field(default_factory=list)
+    tables: dict[str, list[list[str]]] = field(
+        default_factory=dict
+    )  # rule tables, what changes marked
     provenance: list[str] = field(default_factory=list)
     record: list[str] = field(default_factory=list)
 
@@ -121,6 +126,7 @@ def diff(a: RecordedRun, b: RecordedRun, terms: bool = True) -> RunDiff:
     if isinstance(joints, tuple) and joints:
         result.hip = str(joints[0])
     result.parameters = _parameters(a, b)
+    result.tables = _tables(a, b)
     result.provenance = _mappings("", a.recording.provenance, b.recording.provenance)
     result.record = [
         *_altered("A", a),
@@ -283,10 +289,31 @@ def _parameters(a: RecordedRun, b: RecordedRun) -> list[str]:
     return lines
 
 
+def _tables(a: RecordedRun, b: RecordedRun) -> dict[str, list[list[str]]]:
+    """Return the rule tables that differ as grids, by their names."""
+    grids = {}
+    for node in sorted(a.parameters.keys() & b.parameters.keys()):
+        here, there = a.parameters[node], b.parameters[node]
+        for name, rows in here.items():
+            changed = there.get(name)
+            if rows != changed and is_table(rows) and is_table(changed):
+                grid = change_grid(rows, changed, axes_of(rows, here))  # type: ignore[arg-type]
+                grids[f"{node}.{name}"] = grid
+    return {name: grid for name, grid in grids.items() if grid}
+
+
 def _mappings(prefix: str, a: Mapping[str, object], b: Mapping[str, object]) -> list[str]:
     absent = "(none)"
-    return [
-        f"{prefix}{key}: {a.get(key, absent)} in A, {b.get(key, absent)} in B"
-        for key in sorted(a.keys() | b.keys())
-        if a.get(key, absent) != b.get(key, absent)
-    ]
+    lines = []
+    for key in sorted(a.keys() | b.keys()):
+        here, there = a.get(key, absent), b.get(key, absent)
+        if here == there:
+            continue
+        if is_table(here) and is_table(there) and isinstance(here, tuple):
+            lines.append(
+                f"{prefix}{key}, from A to B: {change_text(here, there, axes_of(here, a))}"
+            )
+        else:
+            first, second = differing_texts((here, there))
+            lines.append(f"{prefix}{key}: {first} in A, {second} in B")
+    return lines

@@ -22,6 +22,7 @@ from trunk_msgs_util.units import nanoseconds, seconds
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.operator_input import with_operator
 
+from ..analysis.parameter_text import change_text
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS, unknown_controllers
 from ..recorded.run import RecordedRun
@@ -78,6 +79,7 @@ class Explanation:
     terms: LawTerms
     units: Mapping[str, str]  # of the terms
     rules: tuple[Rule, ...]  # none for a plain PID
+    changed: Mapping[str, str]  # rule tables that are not the default ones: which cells
     limits: tuple[float, float]  # N m, in force at the update
     handing_over: (
         bool  # True: the limits are narrowed around the torque that acted (handover.max_step)
@@ -201,6 +203,7 @@ def _explain(run: RecordedRun, at: float) -> Explanation:
         terms=terms,
         units=law_named(name).units,
         rules=_rules(terms, config) if isinstance(config, RuleBaseConfig) else (),
+        changed=_changed_tables(config) if isinstance(config, RuleBaseConfig) else {},
         limits=(update.law.u_min, update.law.u_max),
         handing_over=update.handing_over,
         windup=_windup(update) if isinstance(terms, Terms) else None,
@@ -264,6 +267,16 @@ def _rules(terms: LawTerms, config: RuleBaseConfig) -> tuple[Rule, ...]:
         )
         rules.append(Rule(axes.error[row], axes.rate[column], fired.weight, consequents))
     return tuple(sorted(rules, key=lambda rule: -rule.weight))
+
+
+def _changed_tables(config: RuleBaseConfig) -> dict[str, str]:
+    axes = config.axes
+    pairs = zip(config.tables, type(config)().tables, strict=True)
+    return {
+        f"rules.{now.name}": change_text(usual.rows, now.rows, axes)
+        for now, usual in pairs
+        if now.rows != usual.rows
+    }
 
 
 def _windup(update: _Update) -> Windup:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from trunk_msgs_util.parameters.declarations import (
     ParameterError,
     UnitError,
     declarations,
+    table_of,
     unknown_name,
 )
 
@@ -67,7 +69,11 @@ def check_variable(study: StudySpec, v: Variable, contender: ContenderSpec, base
         old = getattr(config, field_of(config, target.name))
         try:
             for value in set(values):
-                new_value(config, target, old, v.how, value)
+                new = new_value(config, target, old, v.how, value)
+                if table_of(
+                    target.name, declarations(type(config))
+                ):  # only the whole knows its labels
+                    replace(config, **{field_of(config, target.name): new})
         except ParameterError as error:
             raise mistake(study, v, f"{contender.label}: {target}: {error}") from None
 
@@ -107,6 +113,10 @@ def _check_target(
     study: StudySpec, v: Variable, contender: ContenderSpec, target: Target, config: Any
 ) -> None:
     declared = declarations(type(config))
+    if table := table_of(target.name, declared):
+        if not declared[table].table or target.index is not None or v.how != "value":
+            raise mistake(study, v, f"{contender.label}: {target}: a cell takes given values only")
+        return
     if target.name not in declared:
         text = unknown_name(target.name, declared)
         raise mistake(study, v, f"{contender.label}: {target}: {text}")

@@ -7,7 +7,14 @@ from dataclasses import dataclass, fields
 from itertools import product
 from typing import Any
 
-from trunk_msgs_util.parameters.declarations import Declaration, Value, check
+from trunk_msgs_util.parameters.declarations import (
+    Declaration,
+    Value,
+    check,
+    table_of,
+    values_of,
+    with_cells,
+)
 from trunk_sim.disturbance_config import DisturbanceConfig
 
 from ..plans.plan import RunPlan
@@ -73,12 +80,18 @@ def is_meant(target: Target, contender: ContenderSpec) -> bool:
 
 def field_of(config: Any, name: str) -> str:
     """Return the name of the configuration's field that holds a parameter."""
-    return _fields(type(config))[name][0]
+    fields = _fields(type(config))
+    return fields[table_of(name, fields) or name][0]
 
 
 def new_value(config: Any, target: Target, old: Any, how: str, value: Any) -> Value:
     """Return a parameter's new value. Raises ParameterError if it is not allowed."""
-    declaration = _fields(type(config))[target.name][1]
+    fields = _fields(type(config))
+    table = table_of(target.name, fields)
+    if table:
+        changed = with_cells(type(config), {target.name: value}, {**values_of(config), table: old})
+        return check(fields[table][1], changed.get(table))
+    declaration = fields[target.name][1]
     current = old if target.index is None else old[target.index]
     if how == "factor":
         value = current * value

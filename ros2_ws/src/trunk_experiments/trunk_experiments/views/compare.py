@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from trunk_control.rule_tables import Axes, axes_of, is_table
 from trunk_msgs_util.recording.reader import RecordingError
 
 from ..analysis.metrics import QUANTITIES, has_level, metrics, missing
+from ..analysis.parameter_text import change_grid
 from ..plans.nodes import CONTROLLERS
 from ..recorded.branch_of import BranchOf
 from ..recorded.run import RecordedRun
@@ -42,6 +44,7 @@ class Comparison:
     tasks: tuple[str, ...]  # what makes the runs' tasks different, so that none is the best
     rows: tuple[Row, ...]
     parameters: Mapping[str, tuple[Value | None, ...]]
+    axes: Mapping[str, Axes]  # of those that are rule tables
     branches: tuple[BranchOf | None, ...]
     diffs: tuple[RunDiff, ...]  # of the second run and the following against the first
 
@@ -113,6 +116,33 @@ def differing_parameters(views: Sequence[RunView]) -> dict[str, tuple[Value | No
     return {name: row for name, row in table.items() if any(value != row[0] for value in row)}
 
 
+def table_axes(
+    views: Sequence[RunView], parameters: Mapping[str, tuple[Value | None, ...]]
+) -> dict[str, Axes]:
+    """Return the labels of the rule tables among differing parameters, as the first run has them."""
+    nodes = [values for view in views for values in view.parameters.values()]
+    return {
+        name: axes_of(rows, next((n for n in nodes if n.get(name.partition(".")[2]) == rows), {}))  # type: ignore[arg-type]
+        for name, (rows, *_) in parameters.items()
+        if is_table(rows)
+    }
+
+
+def table_grids(
+    names: Sequence[str],
+    parameters: Mapping[str, tuple[Value | None, ...]],
+    axes: Mapping[str, Axes],
+) -> Iterator[tuple[str, list[list[str]]]]:
+    """Yield a title and rows of texts for each rule table of a run that differs from the first run's."""
+    for name, labels_of_table in axes.items():
+        first, *others = parameters[name]
+        for run, rows in zip(names[1:], others, strict=True):
+            if rows != first and is_table(rows):
+                grid = change_grid(first, rows, labels_of_table)  # type: ignore[arg-type]
+                if grid:
+                    yield f"{name}: from {names[0]} to {run}", grid
+
+
 def divergence(first: RecordedRun, other: RecordedRun) -> RunDiff:
     """Return the first divergence of a run from another; with different laws ``~/state`` is not compared."""
     return diff(first, other, terms=first.controllers == other.controllers)
@@ -122,12 +152,14 @@ def compare(views: Sequence[RunView]) -> Comparison:
     """Compare runs; the divergence of the others is relative to the first."""
     doubts = [doubts_of(view.run) for view in views]
     tasks = different_tasks(views)
+    parameters = differing_parameters(views)
     return Comparison(
         names=tuple(labels(views)),
         doubts=tuple(doubts),
         tasks=tasks,
         rows=metric_rows(views, doubts, tasks),
-        parameters=differing_parameters(views),
+        parameters=parameters,
+        axes=table_axes(views, parameters),
         branches=tuple(view.run.branch for view in views),
         diffs=tuple(divergence(views[0].run, view.run) for view in views[1:]),
     )

@@ -14,9 +14,10 @@ from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import QUANTITIES
+from ..analysis.parameter_text import differing_texts, full_text
 from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
-from .compare import Row, differing_parameters, metric_rows
+from .compare import Row, differing_parameters, metric_rows, table_axes, table_grids
 from .report_data import report_data
 from .rule_use import rule_use
 from .run_view import RunView, labels
@@ -72,6 +73,9 @@ class Report:
     metrics: tuple[Row, ...]
     no_metrics: str  # why there are none
     differing: Mapping[str, tuple[str, ...]]
+    tables: tuple[
+        tuple[str, list[list[str]]], ...
+    ]  # rule tables that differ: a title, rows of texts
     data: dict[str, Any]
 
 
@@ -84,21 +88,16 @@ def make_report(views: Sequence[RunView]) -> Report:
     except RecordingError as error:
         rows, reason = (), str(error)
     differing = differing_parameters(views) if len(views) > 1 else {}
+    axes = table_axes(views, differing)
     return Report(
         title=" · ".join(names),
         runs=tuple(map(_section, views, names, doubts)),
         metrics=rows,
         no_metrics=reason,
-        differing={name: tuple(map(shown, values)) for name, values in differing.items()},
+        differing={n: differing_texts(values, axes.get(n)) for n, values in differing.items()},
+        tables=tuple(table_grids(names, differing, axes)),
         data=report_data(views),
     )
-
-
-def shown(value: object) -> str:
-    """Return a parameter's value as text, in full precision."""
-    if isinstance(value, tuple):
-        return "[" + ", ".join(map(shown, value)) + "]"
-    return "–" if value is None else str(value)
 
 
 def number(row: Row, run: int) -> str:
@@ -140,7 +139,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         facts=facts,
         warnings=tuple(dict.fromkeys([*doubts.lines, *said_of(view)])),
         parameters={
-            node: {name: shown(value) for name, value in values.items()}
+            node: {name: full_text(value) for name, value in values.items()}
             for node, values in view.parameters.items()
         },
         provenance=dict(sorted(recording.provenance.items())),

@@ -31,8 +31,10 @@ from ..parameters.declarations import (
     declarations,
     is_qos_override,
     of_every_node,
+    table_of,
     unknown_name,
     values_of,
+    with_cells,
 )
 from ..parameters.to_si import meant
 from .conversions import stamp_to_ros
@@ -140,6 +142,9 @@ class NodeParameters(Generic[Config]):
         for name, value in self._overrides.items():
             if only_planned(self._class, name):
                 raise ParameterError(name, getattr(value, "value", value), ONLY_PLANNED)
+            if table_of(name, self._declared):
+                given[name] = getattr(value, "value", value)
+                continue
             # Files for several nodes contain, under "/**", many parameters that a node does not have; a
             # near miss is more likely a typo.
             if name not in self._declared and not of_every_node(name):
@@ -163,8 +168,27 @@ class NodeParameters(Generic[Config]):
             )
 
     def _coerce(self, changes: list[Parameter]) -> list[Parameter]:
-        """Take integers for doubles, as at start; leave what is wrong for `_judge` to refuse."""
-        return [self.coerced(change) for change in changes]
+        """Take integers for doubles, as at start, and a cell for its changed table.
+
+        What is wrong is left for `_judge` to refuse.
+        """
+        return [self.coerced(change) for change in self.folded(changes)]
+
+    def folded(self, changes: Sequence[Parameter]) -> list[Parameter]:
+        """Return changes with tables in place of their cells (`with_cells`); as they are if one is wrong."""
+        if not any(table_of(change.name, self._declared) for change in changes):
+            return list(changes)
+        given = {change.name: change.value for change in changes}
+        try:
+            values = with_cells(self._class, given, values_of(self.config))
+        except ParameterError:
+            return list(changes)
+        kept = [change for change in changes if change.name in values]
+        tables = [name for name in values if given.get(name) is not values[name]]
+        return [
+            *(change for change in kept if change.name not in tables),
+            *(to_ros(self._declared[name], values[name]) for name in tables),  # type: ignore[arg-type]
+        ]
 
     def coerced(self, change: Parameter) -> Parameter:
         """Return a change with its value as the declared type; as it is if the value is wrong."""
@@ -187,7 +211,8 @@ class NodeParameters(Generic[Config]):
 
     def _candidate(self, changes: Sequence[Parameter]) -> Any:
         values: dict[str, object] = dict(values_of(self.config))
-        values.update({p.name: p.value for p in changes if p.name in self._declared})
+        known = (p for p in changes if p.name in self._declared or table_of(p.name, self._declared))
+        values.update({p.name: p.value for p in known})
         return build(self._class, values)
 
     def refusal(self, changes: Sequence[Parameter]) -> str:
@@ -221,6 +246,8 @@ class NodeParameters(Generic[Config]):
                     f"fixed at start, to {now!r}; start the node with another value",
                 )
             check(declaration, change.value)
+        elif table_of(change.name, self._declared):
+            with_cells(self._class, {change.name: change.value}, values_of(self.config))
         elif not self._node.has_parameter(change.name):  # rclpy declares some of its own
             planned = only_planned(self._class, change.name)
             allowed = ONLY_PLANNED if planned else unknown_name(change.name, self._declared)
@@ -298,7 +325,7 @@ class _Services(ParameterService):
             )
             return SetParametersResult(successful=False, reason=reason)
         sent = [Parameter.from_parameter_msg(message) for message in messages]
-        values = [self._parameters.coerced(parameter) for parameter in sent]
+        values = [self._parameters.coerced(p) for p in self._parameters.folded(sent)]
         reason = self._parameters.refusal(values)
         if reason:
             return SetParametersResult(successful=False, reason=reason)

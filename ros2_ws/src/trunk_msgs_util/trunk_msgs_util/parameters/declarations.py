@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from typing import Any, TypeVar
@@ -61,6 +61,7 @@ class Declaration:
     shortest: int = 0  # of an array without a fixed length
     longest: int | None = None  # likewise
     each: str = ""  # what one element of an array is
+    table: bool = False  # rows of cells, each of which a name of its own may set (`with_cells`)
     fixed: bool = False  # cannot change after start
     unit_by: str = ""  # the parameter whose value chooses the unit among ``units``
     units: tuple[tuple[str, str], ...] = ()  # that value, and the unit
@@ -204,10 +205,11 @@ def unknown_name(name: str, known: Iterable[str]) -> str:
 def build(config: type[Config], values: Mapping[str, object]) -> Config:
     """Return the configuration with ``values`` (by parameter name) over the defaults.
 
-    Raises ParameterError for an unknown name, a bad value, or values that do not fit together
-    (checked by the class's ``__post_init__``).
+    A value may be that of a table's cell (`with_cells`). Raises ParameterError for an unknown name, a bad
+    value, or values that do not fit together (checked by the class's ``__post_init__``).
     """
     declared = declarations(config)
+    values = with_cells(config, values)
     for name, value in values.items():
         if name not in declared:
             raise ParameterError(name, value, unknown_name(name, declared))
@@ -217,6 +219,59 @@ def build(config: type[Config], values: Mapping[str, object]) -> Config:
         if "declaration" in f.metadata and f.metadata["declaration"].name in values
     }
     return config(**arguments)
+
+
+def table_of(name: str, declared: Container[str]) -> str:
+    """Return the declared parameter of which ``name``, TABLE.ROW.COLUMN, may be a cell; empty: of none."""
+    table = name.rsplit(".", 2)[0] if name.count(".") > 2 else ""
+    return table if name not in declared and table in declared else ""
+
+
+def with_cells(
+    config: type[Any], values: Mapping[str, object], present: Mapping[str, Value] | None = None
+) -> Mapping[str, object]:
+    """Return values in which each cell of a table, ``rules.kd.ZO.PS``, is changed in the table itself.
+
+    ``config``: its ``table_labels`` gives the labels of a table's rows and columns from the values of all
+    parameters. ``present``: the values to which ``values`` are changes; None: the defaults. Raises
+    ParameterError, which lists the labels, for a cell that is not there, and for a value that is no cell.
+    """
+    declared = declarations(config)
+    cells = {
+        name: table
+        for name in values
+        if (table := table_of(name, declared)) and declared[table].table
+    }
+    if not cells:
+        return values
+    whole = {name: value for name, value in values.items() if name not in cells}
+    usual = {name: declaration.default for name, declaration in declared.items()}
+    complete = {**usual, **(present or {}), **whole}
+    labels: tuple[Sequence[str], Sequence[str]] = config.table_labels(complete)
+    for name, table in cells.items():
+        places = []
+        for label, known, axis in zip(name.split(".")[-2:], labels, ("row", "column"), strict=True):
+            if label not in known:
+                raise ParameterError(
+                    name, values[name], f"{label} is no {axis} of {table}: {', '.join(known)}"
+                )
+            places.append(known.index(label))
+        value = values[name]
+        text = value if isinstance(value, str) else repr(value)
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, str | int | float)
+            or len(text.split()) != 1
+        ):
+            raise ParameterError(name, value, "a label, or a number")
+        whole_table: Any = check(declared[table], whole.get(table, complete[table]))
+        rows = list(whole_table)
+        row = rows[places[0]].split() if places[0] < len(rows) else []
+        if places[1] < len(row):  # a table of another size is refused as a whole
+            row[places[1]] = text
+            rows[places[0]] = " ".join(row)
+        whole[table] = tuple(rows)
+    return whole
 
 
 def values_of(config: Any) -> dict[str, Value]:

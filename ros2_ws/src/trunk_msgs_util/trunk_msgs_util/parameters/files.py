@@ -18,7 +18,7 @@ import yaml
 from ..errors import TrunkError
 from ..files import atomic_write
 from ..yaml_text import YamlTextError, load
-from .declarations import is_qos_override, of_every_node, unknown_name
+from .declarations import is_qos_override, of_every_node, table_of, unknown_name
 
 
 class ParameterFileError(TrunkError):
@@ -130,13 +130,21 @@ def read(path: Path) -> Layer:
 
 
 def resolve(node: str, layers: Iterable[Layer], declared: Iterable[str]) -> dict[str, object]:
-    """Return the layers' values for a node (fully qualified name), of the parameters that it declares."""
+    """Return the layers' values for a node (fully qualified name), of the parameters that it declares.
+
+    A cell of a table is a value of its own, and goes with the table that a later section gives.
+    """
     names = set(declared)
     values: dict[str, object] = {}
     for layer in layers:
         for section in layer.sections:
-            if section.matches(node):
-                values.update({k: v for k, v in section.values.items() if k in names})
+            if not section.matches(node):
+                continue
+            for name in [cell for cell in values if table_of(cell, names) in section.values]:
+                del values[name]
+            values.update(
+                {k: v for k, v in section.values.items() if k in names or table_of(k, names)}
+            )
     return values
 
 
@@ -163,7 +171,7 @@ def check_names(layers: Iterable[Layer], nodes: Mapping[str, Iterable[str]]) -> 
                 continue
             known = declared.get(token, everything)
             for name in section.values:
-                if name not in known and not of_every_node(name):
+                if name not in known and not table_of(name, known) and not of_every_node(name):
                     raise ParameterFileError(
                         f"{layer.source}: {section.pattern}: parameter {name!r}: "
                         f"{unknown_name(name, known)}"

@@ -56,6 +56,7 @@ def apply(
         said_in_si,
         said_of,
         with_numbers,
+        with_tables,
     )
     from ...plans.files import find_file
     from ...plans.given import checked_namespace
@@ -66,6 +67,7 @@ def apply(
     with LiveParameters(name, timeout) as parameters:
         said = said_of(name, layer, [*parameters.names(), *planned_names(name)])
         said = with_numbers(name, layer, said, parameters.values)
+        said = with_tables(name, layer.source, said, parameters.values)
         present = parameters.values([*said, *choosers_of(name, said)])
         fixed = parameters.fixed(list(said))
         said = said_in_si(name, layer.source, said, present)
@@ -106,6 +108,7 @@ def set_values(
         full_name,
         said_in_si,
         with_numbers,
+        with_tables,
     )
     from ...plans.given import checked_namespace, settings_of
 
@@ -116,6 +119,7 @@ def set_values(
     with LiveParameters(name, timeout) as parameters:
         given = Layer("params set", (Section(name, wanted),))
         wanted = with_numbers(name, given, wanted, parameters.values)
+        wanted = with_tables(name, given.source, wanted, parameters.values)
         present = parameters.values([*wanted, *choosers_of(name, wanted)])
         fixed = parameters.fixed(list(wanted)) if dry_run else ()
         wanted = said_in_si(name, "params set", wanted, present)

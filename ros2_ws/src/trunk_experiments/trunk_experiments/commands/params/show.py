@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,7 +12,6 @@ from ...console.document import json_option, write_json
 from ...console.options import names_or_files, parameter_files
 
 if TYPE_CHECKING:
-    from trunk_control.rule_tables import Axes
     from trunk_msgs_util.parameters.declarations import Declaration
     from trunk_msgs_util.parameters.files import Layer, Section
 
@@ -111,9 +110,11 @@ def _values(values: Iterable[Shown]) -> list[dict[str, object]]:
 
 
 def _print(layers: list[Layer], values: list[Shown]) -> None:
+    from trunk_control.rule_tables import axes_of, is_table
+
     from ...console.tables import print_table
     from ...console.terminal import print_title
-    from .text import is_rule_table, rule_table_text, value_text
+    from .text import rule_table_text, value_text
 
     for layer in layers:
         click.echo(layer.source)
@@ -132,34 +133,17 @@ def _print(layers: list[Layer], values: list[Shown]) -> None:
                 shown.declaration.description if shown.declaration else "",
             )
             for shown in section
-            if not is_rule_table(shown.value)
+            if not is_table(shown.value)
         ]
         if rows:
             print_table(nodes, ("parameter", "value", "unit", "what"), rows, 3, sentences=True)
         else:
             print_title(nodes)
         for shown in section:
-            if is_rule_table(shown.value):
-                text = rule_table_text(shown.value, _axes(section, shown.value))  # type: ignore[arg-type]
+            if is_table(shown.value):
+                given = {other.name: other.value for other in section}
+                text = rule_table_text(shown.value, axes_of(shown.value, given))  # type: ignore[arg-type]
                 click.echo(f"  {shown.name}\n{text}\n")
-
-
-def _axes(section: Iterable[Shown], rows: Sequence[str]) -> Axes:
-    """Return the labels of a table: those that its section gives, if they fit, else the usual ones."""
-    from trunk_control.rule_tables import Axes, input_labels
-
-    given = {shown.name: shown.value for shown in section}
-
-    def labels(name: str, count: int, letter: str) -> tuple[str, ...]:
-        value = given.get(name)
-        if isinstance(value, list) and len(value) == count:
-            return tuple(map(str, value))
-        return input_labels((), count, letter)
-
-    return Axes(
-        labels("fuzzy.error_labels", len(rows), "E"),
-        labels("fuzzy.rate_labels", len(rows[0].split()), "R"),
-    )
 
 
 def _head(path: Path) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from textwrap import indent
 
-from trunk_control.rule_tables import FEWEST, Axes
+from trunk_control.rule_tables import Axes
 from trunk_msgs_util.parameters.csv_parameters import listed
 from trunk_msgs_util.parameters.declarations import Declaration
 
@@ -40,16 +40,6 @@ def allowed_text(declaration: Declaration) -> str:
     if declaration.kind == "bool":
         each = "true, false"
     return ", each ".join(filter(None, (size, each)))
-
-
-def is_rule_table(value: object) -> bool:
-    """Return True for rows of several cells, as many in each."""
-    return (
-        isinstance(value, tuple | list)
-        and len(value) >= FEWEST
-        and all(isinstance(row, str) and len(row.split()) >= FEWEST for row in value)
-        and len({len(row.split()) for row in value}) == 1
-    )
 
 
 def rule_table_text(rows: Sequence[str], axes: Axes) -> str:

@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from trunk_control.pid_family import Gains
+from trunk_control.rule_base import RuleBaseConfig
+from trunk_control.rule_tables import is_table
 from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.parameters.files import write
 
+from ...analysis.parameter_text import change_grid, differing_texts
 from ...console.document import write_json
 from ...console.tables import print_table
 from ...console.terminal import show_warnings
@@ -67,14 +70,21 @@ def finish_values(
         }
         write_json("tune-1", {**document, "relay": None, "search": None, **(how or {})})
         return
+    before = values_of(plan.controller)
+    axes = config.axes if isinstance(config, RuleBaseConfig) else None
+    tables = {key: rows for key, rows in values.items() if axes is not None and is_table(rows)}
     print_table(
         name,
         ("parameter", "value"),
         [
-            (key, f"{value:.6g}" if isinstance(value, float) else str(value))
+            (key, differing_texts((before[key], value), axes if key in tables else None)[1])
             for key, value in values.items()
         ],
     )
+    for key, rows in tables.items():
+        if axes is not None and rows != before[key]:
+            head, *cells = change_grid(before[key], rows, axes)  # type: ignore[arg-type]
+            print_table(key, head, cells)
     if margins:
         print_margins(tuned, margins)
     if options["output"] is not None:

@@ -1,0 +1,90 @@
+"""Parameters' values as text, the same at a terminal and in a report; changed rule tables cell by cell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from trunk_control.rule_tables import Axes, CellChange, cell_changes, is_table
+
+_LONGEST = 20  # values of an array that are listed
+_CELLS = 8  # changed cells that are named
+_GRID = 14  # rows and columns of a grid; of a larger table those with changes, as many
+
+
+def value_text(value: object) -> str:
+    """Return a value as text, a dash for None; a table by its size."""
+    if is_table(value) and isinstance(value, tuple | list):
+        return f"{len(value)} × {len(value[0].split())} cells"
+    if isinstance(value, tuple | list):
+        more = f", … ({len(value)} in all)" if len(value) > _LONGEST else ""
+        return "[" + ", ".join(value_text(item) for item in value[:_LONGEST]) + more + "]"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return "–" if value is None else str(value)
+
+
+def full_text(value: object) -> str:
+    """Return a value as text in full precision, a table with all its rows."""
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(map(full_text, value)) + "]"
+    return "–" if value is None else str(value)
+
+
+def differing_texts(values: Sequence[object], axes: Axes | None = None) -> tuple[str, ...]:
+    """Return texts of a parameter's values in several runs: what differs looks different.
+
+    ``axes``: of a rule table; the first run's is named by its size, the others by the cells that differ.
+    """
+    first = values[0]
+    if axes is not None and is_table(first):
+        return (value_text(first), *(_against(first, value, axes) for value in values[1:]))
+    texts = tuple(map(value_text, values))
+    distinct = len(set(texts)) == len(set(map(repr, values)))
+    return texts if distinct else tuple(map(full_text, values))
+
+
+def cells_text(changes: Sequence[CellChange], axes: Axes) -> str:
+    """Return changed cells as text: ``2 cells: (NS, ZO) S → B, (ZO, ZO) B → S``."""
+    named = [
+        f"({axes.error[c.row]}, {axes.rate[c.column]}) {c.before} → {c.after}" for c in changes
+    ]
+    more = [f"… and {len(named) - _CELLS} more"] if len(named) > _CELLS else []
+    count = f"{len(named)} cell{'s' if len(named) > 1 else ''}"
+    return f"{count}: {', '.join(named[:_CELLS] + more)}" if named else "no cell"
+
+
+def change_text(before: object, after: object, axes: Axes) -> str:
+    """Return what differs between two rule tables: cells, or another size."""
+    try:
+        return cells_text(cell_changes(before, after), axes)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return f"{value_text(after)}, not {value_text(before)}"
+
+
+def change_grid(before: Sequence[str], after: Sequence[str], axes: Axes) -> list[list[str]]:
+    """Return the second table as rows of texts, labels first, changed cells as ``S→B``.
+
+    Of a large table only rows and columns with changes are there, and not more than a screen takes; of tables
+    of different shapes nothing.
+    """
+    try:
+        changes = cell_changes(before, after)
+    except ValueError:
+        return []
+    texts = [row.split() for row in after]
+    for change in changes:
+        texts[change.row][change.column] = f"{change.before}→{change.after}"
+    rows = _places(len(axes.error), {change.row for change in changes})
+    columns = _places(len(axes.rate), {change.column for change in changes})
+    grid = [["e \\ e_dot", *(axes.rate[j] for j in columns)]]
+    return grid + [[axes.error[i], *(texts[i][j] for j in columns)] for i in rows]
+
+
+def _places(count: int, changed: Iterable[int]) -> list[int]:
+    return list(range(count)) if count <= _GRID else sorted(changed)[:_GRID]
+
+
+def _against(first: object, value: object, axes: Axes) -> str:
+    if value == first or not is_table(value):
+        return "the same" if value == first else value_text(value)
+    return change_text(first, value, axes)
