@@ -94,7 +94,7 @@ def test_rule_tables_in_a_namespace(
     assert apply("robot2/fuzzy_pid", "fuzzy_zhao_1993")[1] == ["nothing to change"]
     # One cell, by a file and by ROS 2's own service.
     file = tmp_path / "cell.yaml"
-    file.write_text("fuzzy_pid:\n  ros__parameters: {rules: {kd: {NB: {PB: 0.5}}}}\n")
+    file.write_text("/**:\n  ros__parameters: {rules: {kd: {NB: {PB: 0.5}}}}\n")
     assert apply("fuzzy_pid", file, "--namespace", "robot2")[0] == 0
     sent = Parameter("rules.kd.NB.NB", value="B").to_parameter_msg()
     service = "/robot2/fuzzy_pid/set_parameters"
