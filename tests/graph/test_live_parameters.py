@@ -147,7 +147,7 @@ def test_every_refusal_names_what_is_refused(pid: Child, peer: Peer) -> None:
 
 
 def test_linked_values_and_rules(children: Children, peer: Peer) -> None:
-    node = children.node("fuzzy_pid")
+    node = children.node("fuzzy_pid", "rules.kd.NB.PB:=B")
     peer.until_up("fuzzy_pid")
     services = Services(peer, "fuzzy_pid")
 
@@ -158,6 +158,7 @@ def test_linked_values_and_rules(children: Children, peer: Peer) -> None:
     assert not services.set_together(gains__p_min=40.0, gains__p_max=30.0).successful
     assert services.get("gains.p_min", "gains.p_max") == [70.0, 90.0]
 
+    assert services.get("rules.kd")[0][0] == "S S S S S S B"  # from the command line
     rows = list(KP_AS_PRINTED)
     rows[1] = "S S B B B S X"
     result = services.set(rules__kp=rows)
