@@ -169,14 +169,14 @@ esac
 build=yes
 case $* in
     # Most modules are never imported; the others are compiled when they first are. In an image they cannot be.
-    '') dev=(dev) compile=--no-compile download='410 MB' disk='1.5 GB' ;;
+    '') dev=(dev fuzzy) compile=--no-compile download='410 MB' disk='1.5 GB' ;;
     --no-dev | '--no-dev --no-build')
         dev=() compile=--compile download='290 MB' disk='1.1 GB'
         [[ $* == --no-dev ]] || build=no
         ;;
     *) die "unknown argument '$*': --no-dev is allowed, and --no-dev --no-build" ;;
 esac
-pins=$(cat requirements/{setuptools,runtime,ros,build}.txt "${dev[@]/#dev/requirements/dev.txt}" | sha256sum)
+pins=$(cd requirements && cat {setuptools,runtime,ros,build}.txt "${dev[@]/%/.txt}" | sha256sum)
 
 python=$(identify .venv/bin/python) || python=''
 if [[ -z $python || -n ${PYTHON:-} || $made != "$ros"\ * ]]; then python=$(find_python); fi

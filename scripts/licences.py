@@ -21,7 +21,8 @@ import yaml
 REQUIREMENTS = Path(__file__).parents[1] / "requirements"
 RUNNING = "runtime", "ros", "cluster", "gym", "foxglove", "notebook"
 TOOLS = "setuptools", "build", "crate", "dev"
-_KEYS = {"allowed", "tools", "names", "by_hand"}
+ON_REQUEST = ("fuzzy",)
+_KEYS = {"allowed", "tools", "on_request", "names", "by_hand"}
 
 
 class Known(NamedTuple):
@@ -29,6 +30,7 @@ class Known(NamedTuple):
 
     allowed: frozenset[str]
     tools: frozenset[str]
+    on_request: frozenset[str]
     names: dict[str, str]
     by_hand: dict[str, tuple[str, str]]
 
@@ -65,7 +67,8 @@ def known(text: str) -> Known:
             if package in by_hand:
                 raise ValueError(f"by_hand: {package} is listed twice")
             by_hand[package] = (group["licence"], group["source"])
-    return Known(frozenset(data["allowed"]), frozenset(data["tools"]), data["names"], by_hand)
+    groups = (frozenset(data[key]) for key in ("allowed", "tools", "on_request"))
+    return Known(*groups, data["names"], by_hand)
 
 
 def declared(found: Mapping[str, str], knowledge: Known) -> str | None:
@@ -109,12 +112,18 @@ def report(found: list[dict[str, str]], knowledge: Known) -> list[Package]:
 
 
 def faults(
-    packages: list[Package], running: Collection[str], tools: Collection[str], knowledge: Known
+    packages: list[Package],
+    running: Collection[str],
+    tools: Collection[str],
+    knowledge: Known,
+    on_request: Collection[str] = (),
 ) -> list[str]:
     """Return a line for each package that is not allowed, and for each needless entry by hand."""
     lines = []
     for name, version, licence, source in packages:
         allowed = knowledge.allowed | (frozenset() if name in running else knowledge.tools)
+        if name in on_request:
+            allowed |= knowledge.on_request
         if licence is None:
             lines.append(
                 f"{name} {version}: declares no licence, or an ambiguous one: list it in by_hand"
@@ -126,7 +135,7 @@ def faults(
             )
         if source == "declared" and name in knowledge.by_hand:
             lines.append(f"{name} {version}: declares {licence} itself: remove it from by_hand")
-    gone = sorted(set(knowledge.by_hand) - set(running) - set(tools))
+    gone = sorted(set(knowledge.by_hand) - set(running) - set(tools) - set(on_request))
     lines += [f"{name}: by_hand lists it, requirements/*.txt do not: remove it" for name in gone]
     return lines
 
@@ -158,8 +167,8 @@ def main(arguments: list[str]) -> int:
     except (ValueError, KeyError, TypeError, yaml.YAMLError) as error:
         print(f"requirements/licences.yaml: {str(error).splitlines()[0]}", file=sys.stderr)
         return 1
-    running, tools = names_in(RUNNING), names_in(TOOLS)
-    packages = report(installed(running | tools), knowledge)
+    running, tools, on_request = map(names_in, (RUNNING, TOOLS, ON_REQUEST))
+    packages = report(installed(running | tools | on_request), knowledge)
     if arguments:
         print("| package | version | licence | known from |\n|---|---|---|---|")
         for package in packages:
@@ -169,7 +178,7 @@ def main(arguments: list[str]) -> int:
         by_hand = sum(package.source not in ("declared", "nothing") for package in packages)
         text = ", ".join(f"{number} {licence}" for licence, number in count.most_common())
         print(f"licences of {len(packages)} packages, {by_hand} known by hand: {text}")
-    wrong = faults(packages, running, tools, knowledge)
+    wrong = faults(packages, running, tools, knowledge, on_request)
     for line in wrong:
         print(f"licences: {line} (requirements/licences.yaml)", file=sys.stderr)
     return 1 if wrong else 0

@@ -17,12 +17,15 @@ pins() { sed -n '/==/{s/ *\\$//;p}' "$@" | sort -u; } # FILE...: as they are, wi
 
 pins "${sets[@]/%/.txt}" >"$folder/all.txt" 2>/dev/null || true # uv keeps the pins it finds in its output file
 "${compile[@]}" "$@" "${sets[@]/%/.in}" -o "$folder/all.txt"
+# pyfuzzylite's bound on numpy is not ours: what benchmarks compare with is locked without dependencies.
 pins bench.txt >"$folder/bench-pins.txt"
 "${compile[@]}" --no-deps "$@" bench.in -o "$folder/bench-pins.txt"
 # Into new files: uv would also keep the hashes that it finds, whatever they are.
 for set in "${sets[@]}"; do
     "${compile[@]}" --generate-hashes --constraint "$folder/all.txt" "$set.in" -o "$folder/$set.txt"
 done
-"${compile[@]}" --generate-hashes --no-deps --constraint "$folder/bench-pins.txt" bench.in -o "$folder/bench.txt"
-for set in "${sets[@]}" bench; do mv "$folder/$set.txt" "$set.txt"; done
-sed -i '1i # pip install --no-deps -r requirements/bench.txt' bench.txt
+for set in fuzzy bench; do
+    "${compile[@]}" --generate-hashes --no-deps --constraint "$folder/bench-pins.txt" "$set.in" -o "$folder/$set.txt"
+    sed -i "1i # pip install --no-deps -r requirements/$set.txt" "$folder/$set.txt"
+done
+for set in "${sets[@]}" fuzzy bench; do mv "$folder/$set.txt" "$set.txt"; done

@@ -15,7 +15,11 @@ PACKAGES = sorted(path.parent for path in ROOT.glob("ros2_ws/src/*/package.xml")
 OWN = {path.name for path in PACKAGES}
 ROSDEP = yaml.safe_load((ROOT / "requirements" / "rosdep.yaml").read_text(encoding="utf-8"))
 LIST_OF = {module: name for name, modules in ROSDEP["wheels"].items() for module in modules}
-DISTRIBUTIONS = {"foxglove": "foxglove-sdk", "skfuzzy": "scikit-fuzzy"}
+DISTRIBUTIONS = {
+    "foxglove": "foxglove-sdk",
+    "fuzzylite": "pyfuzzylite",
+    "skfuzzy": "scikit-fuzzy",
+}
 # Called by name: their argument is a module, or where `files` finds a module's data.
 CALLS = {"import_module", "importorskip", "files"}
 NO_IMPORT = {
