@@ -44,6 +44,8 @@ VERBS = (
     Verb(("doctor",), ("a.mcap",)),
     Verb(("recover",), ("a.mcap",), ".mcap"),
     Verb(("export",), ("a.mcap",), ".csv"),
+    Verb(("export", "fuzzy"), (), ".fis"),
+    Verb(("import", "fuzzy"), ("rules.fll",), ".yaml"),
     Verb(("params", "pid")),
     Verb(("params", "apply"), ("params.yaml",)),
     Verb(("params", "show"), ("fuzzy_zhao_1993",)),
@@ -87,6 +89,7 @@ def furnish(folder: Path) -> None:
         ("export", "a.mcap", "--csv", "table.csv"),
         ("sweep", "study.yaml", "-o", "study.parquet"),
         ("sign", "--new-key", "key.pem"),
+        ("export", "fuzzy", "-o", "rules.fll"),
     ):
         called(words)
     for name, content in {

@@ -48,7 +48,7 @@ def test_pyfuzzylite_must_agree(monkeypatch):
 
 @pytest.mark.usefixtures("libraries")
 def test_simple_pid_must_agree(monkeypatch):
-    monkeypatch.setattr(bench, "_LAW", bench._LAW._replace(derivative=0, u_max=99.0))
+    monkeypatch.setattr(bench, "_LIMITS", bench._LIMITS._replace(derivative=0, u_max=99.0))
     with pytest.raises(bench.BenchError, match="simple-pid gives"):
         bench.bench_core(rounds=1)
 
@@ -58,7 +58,7 @@ def test_simple_pid_must_agree(monkeypatch):
     [
         (
             "fuzzylite",
-            "pyfuzzylite is not installed; install it with: pip install --no-deps -r requirements/bench.txt",
+            "pyfuzzylite is not installed; install it with: pip install --no-deps -r requirements/fuzzy.txt",
         ),
         (
             "simple_pid",

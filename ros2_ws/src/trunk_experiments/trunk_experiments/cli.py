@@ -43,7 +43,7 @@ _FAMILIES = {
         "plot": "Draw recorded runs as PNG, SVG or PDF.",
         "report": "Write recorded runs as one HTML page.",
         "watch": "Play a recording in a browser.",
-        "export": "Write a run as CSV, Parquet, npz or a smaller MCAP.",
+        "export": "Write a run as CSV, Parquet, npz, MCAP; or rules.",
     },
     "trust": {
         "verify": "Recompute a recorded run from its own data.",
@@ -62,6 +62,7 @@ _FAMILIES = {
         "params": "List the nodes' parameters; change a running node's.",
         "margins": "How far gains are from instability; Bode, Nyquist.",
         "tune": "Compute gains and their margins, as a parameter file.",
+        "import": "Take over rules of MATLAB, Octave, fuzzylite.",
         "controller": "Make a controller of your own, and check it.",
     },
 }
@@ -196,7 +197,7 @@ def _help(context: click.Context, words: tuple[str, ...], everything: bool) -> N
 @click.group(
     cls=_Trunk,
     package=f"{__package__}.commands",
-    modules={"sweep": "study.sweep"},
+    modules={"sweep": "study.sweep", "import": "import_rules"},
     overview=OVERVIEW,
     options_metavar="[--version]",
     subcommand_metavar="VERB [ARGS]...",

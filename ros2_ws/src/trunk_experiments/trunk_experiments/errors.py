@@ -22,6 +22,10 @@ class StudyError(PlanError):
     """A study that cannot be used: file, place, value, what is allowed."""
 
 
+class RuleFileError(TrunkError):
+    """A rule file that cannot be read or taken over: file, place, what is allowed."""
+
+
 class DrawError(TrunkError):
     """Numbers that do not make a distribution."""
 

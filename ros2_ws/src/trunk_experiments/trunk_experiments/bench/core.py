@@ -1,14 +1,13 @@
 """The core against public libraries, side by side in one run: fuzzy inference and the PID update.
 
 Times depend on the machine, so we compare ratios of times that are taken alternately in one process.
-The libraries are optional and imported only here (pyfuzzylite is GPL-3.0); each must first give our
-results.
+The libraries are optional (pyfuzzylite is GPL-3.0); each must first give our results.
 """
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from random import Random
@@ -24,6 +23,7 @@ from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState
 
 from ..errors import BenchError
+from ..rulebase.exporting import written
 
 FUZZY_GOAL = 2000.0  # at least: pyfuzzylite's time over that of one inference
 PID_GOAL = 2.0  # at most: the time of one update over simple-pid's
@@ -59,7 +59,7 @@ def bench_core(rounds: int = 9) -> list[BenchRow]:
     if rounds < 1:
         raise ValueError(f"rounds must be 1 or greater, not {rounds!r}")
     pyfuzzylite, simple_pid = "pyfuzzylite", "simple-pid"
-    fuzzylite = library("fuzzylite", pyfuzzylite, "--no-deps -r requirements/bench.txt")
+    fuzzylite = library("fuzzylite", pyfuzzylite, "--no-deps -r requirements/fuzzy.txt")
     simple = library("simple_pid", simple_pid, "-r requirements/dev.txt")
     config = FuzzyPidConfig()
     times = _measure(
@@ -157,7 +157,7 @@ def _infer_batch(config: FuzzyPidConfig) -> Batch:
 
 def _fuzzylite_batch(fuzzylite: Any, config: FuzzyPidConfig) -> Batch:
     """Return the batch of `_infer_batch` by pyfuzzylite, once it has given the same outputs."""
-    engine = _fuzzylite_engine(fuzzylite, config)
+    engine = fuzzylite.FllImporter().from_string(written(config, ".fll"))
     error_input, rate_input = engine.input_variables
 
     def process(error: float, rate: float) -> None:
@@ -180,52 +180,6 @@ def _fuzzylite_batch(fuzzylite: Any, config: FuzzyPidConfig) -> Batch:
         return len(inputs)
 
     return batch
-
-
-def _fuzzylite_engine(fuzzylite: Any, config: FuzzyPidConfig) -> Any:
-    """Return pyfuzzylite's engine: 49 rules with three constant consequents each."""
-
-    def input_variable(name: str, peaks: Sequence[float], labels: Sequence[str]) -> Any:
-        ends = (2.0 * peaks[0] - peaks[1], *peaks, 2.0 * peaks[-1] - peaks[-2])
-        triangles = [fuzzylite.Triangle(label, *ends[i : i + 3]) for i, label in enumerate(labels)]
-        return fuzzylite.InputVariable(
-            name=name, minimum=peaks[0], maximum=peaks[-1], lock_range=True, terms=triangles
-        )
-
-    def output_variable(name: str, centers: Mapping[str, float]) -> Any:
-        return fuzzylite.OutputVariable(
-            name=name,
-            minimum=min(centers.values()),
-            maximum=max(centers.values()),
-            defuzzifier=fuzzylite.WeightedAverage("TakagiSugeno"),
-            terms=[fuzzylite.Constant(label, center) for label, center in centers.items()],
-        )
-
-    axes = config.axes
-    kp, kd, alpha = (table.cells for table in config.tables)
-    texts = [
-        f"if e is {e} and e_dot is {e_dot} "
-        f"then kp is {kp[i][j]} and kd is {kd[i][j]} and alpha is {alpha[i][j]}"
-        for i, e in enumerate(axes.error)
-        for j, e_dot in enumerate(axes.rate)
-    ]
-    product = fuzzylite.AlgebraicProduct()
-    return fuzzylite.Engine(
-        name="fuzzy_pid",
-        input_variables=[
-            input_variable("e", config.peaks[0], axes.error),
-            input_variable("e_dot", config.peaks[1], axes.rate),
-        ],
-        output_variables=[output_variable(table.name, table.centers) for table in config.tables],
-        rule_blocks=[
-            fuzzylite.RuleBlock(
-                conjunction=product,
-                implication=product,
-                activation=fuzzylite.General(),
-                rules=[fuzzylite.Rule.create(text) for text in texts],
-            )
-        ],
-    )
 
 
 def _measurements() -> list[float]:

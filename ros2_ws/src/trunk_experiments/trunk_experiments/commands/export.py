@@ -1,4 +1,4 @@
-"""``trunk export``: a recorded run, or a part of it, in other formats."""
+"""``trunk export``: a recorded run, or a part of it, in other formats; ``trunk export fuzzy``: rules."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from ..console.document import json_option, write_json
 from ..console.options import Number
 from ..console.outputs import check_output
 from ..console.reading import open_run, run_values, show_damage
+from ..console.verbs import VerbWithVerbs
 from ..views.extract import window, write_csv, write_mcap, write_npz, write_parquet
+from .export_rules import command as rules_command
 
 _FILE = click.Path(path_type=Path)
 
 
-@click.command("export")
+@click.group("export", cls=VerbWithVerbs)
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
     "--csv",
@@ -99,3 +101,6 @@ def command(
     for entry in written:
         kind = "messages" if entry["rows"] is None else "rows"
         click.echo(f"{entry['file']}: {entry[kind]} {kind}")
+
+
+command.add_command(rules_command)

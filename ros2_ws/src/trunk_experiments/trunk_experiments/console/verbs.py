@@ -44,6 +44,42 @@ class Verbs(click.Group):
         return {name: verb.get_short_help_str(_WHOLE) for name, verb in commands.items() if verb}
 
 
+class VerbWithVerbs(Verbs):
+    """A verb with arguments of its own, unless the first is one of its verbs."""
+
+    allow_interspersed_args = True
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.invoke_without_command = True
+        self.subcommand_metavar = ""
+
+    def make_context(
+        self,
+        info_name: str | None,
+        args: list[str],
+        parent: click.Context | None = None,
+        **extra: Any,
+    ) -> click.Context:
+        """Return the context of one of the verbs, else of the verb itself."""
+        verb = self.commands.get(args[0]) if args else None
+        if verb is None:
+            return super().make_context(info_name, args, parent, **extra)
+        return verb.make_context(args[0], args[1:], click.Context(self, parent, info_name), **extra)
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return the verb's own parameters, none in the usage of one of its verbs."""
+        return super().get_params(ctx) if ctx.command is self else []
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Take the arguments as a verb without verbs does."""
+        return click.Command.parse_args(self, ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Do what the verb itself does."""
+        return click.Command.invoke(self, ctx)
+
+
 class LazyVerbs(Verbs):
     """Verbs with a module each, in ``package``, that is imported only when the verb is called.
 

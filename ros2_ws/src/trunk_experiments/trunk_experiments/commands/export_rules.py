@@ -1,0 +1,84 @@
+"""``trunk export fuzzy``: a controller's rules as a file for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trunk_msgs_util.files import atomic_write
+from trunk_msgs_util.parameters.files import read
+
+from ..console.document import json_option, write_json
+from ..console.outputs import FORCE, check_output
+from ..console.plan_options import ControllerName
+from ..console.terminal import show_warnings
+from ..errors import PlanError
+
+
+@click.command("fuzzy")
+@click.option(
+    "--controller", type=ControllerName(), help="Whose rules.  [default: whose the files have]"
+)
+@click.option("--params", multiple=True, metavar="FILE", help="A parameter file; repeatable.")
+@click.option(
+    "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="One value; repeatable."
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="The file: .fis (MATLAB, Octave) or .fll (fuzzylite).",
+)
+@click.option("--force", is_flag=True, help=FORCE)
+@json_option("export-fuzzy-1")
+def command(
+    controller: str | None,
+    params: Sequence[str],
+    settings: Sequence[str],
+    output: Path,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Write the rules of a controller for MATLAB, Octave or fuzzylite.
+
+    Inputs e in rad and e_dot in rad/s; outputs kp and kd from 0 to 1 and alpha, or u in N m. trunk import
+    fuzzy reads the file back into the same parameters.
+    """
+    from ..plans.plan import make_plan
+    from ..rulebase.exporting import FORMATS, written
+
+    check_output(output, tuple(FORMATS), force, list(params))
+    name = controller or _named(params)
+    plan = make_plan("fig6", name, params, settings)
+    show_warnings(plan.warnings)
+    config: Any = plan.controller
+    if not hasattr(config, "tables"):
+        raise PlanError(f"--controller {name}: it has no rules: give fuzzy_pid or fuzzy")
+    text = written(config, output.suffix.lower())
+    with atomic_write(output) as part:
+        part.write_text(text, encoding="utf-8")
+    rules = len(config.error_peaks) * len(config.rate_peaks)
+    names = [table.name for table in config.tables]
+    if as_json:
+        write_json(
+            "export-fuzzy-1",
+            {"controller": name, "output": output, "rules": rules, "outputs": names},
+        )
+        return
+    click.echo(f"{output}: {rules} rules of {name} for {', '.join(names)}")
+
+
+def _named(params: Sequence[str]) -> str:
+    """Return the controller with rules whose parameters the last file has."""
+    from ..plans.files import find_file
+
+    for name in reversed(params):
+        sections = {section.last_token for section in read(find_file(name)).sections}
+        for controller in ("fuzzy", "fuzzy_pid"):
+            if controller in sections:
+                return controller
+    return "fuzzy_pid"

@@ -1,0 +1,133 @@
+"""``trunk import``: what other programs wrote, as parameters."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from trunk_msgs_util.parameters.files import write
+
+from ..console.document import json_option, write_json
+from ..console.options import FiniteRange
+from ..console.outputs import FORCE, check_output
+from ..console.verbs import Verbs
+from ..errors import PlanError
+
+_INPUTS = {"e": "e", "e_dot": "e_dot", "ė": "e_dot"}
+_OUTPUTS = {name: name for name in ("u", "kp", "kd", "alpha")}
+_FILE = click.Path(path_type=Path)
+
+
+@click.group("import", cls=Verbs)
+def command() -> None:
+    """Read files of other programs."""
+
+
+@command.command("fuzzy")
+@click.argument("file", type=_FILE)
+@click.option(
+    "--input",
+    "inputs",
+    multiple=True,
+    metavar="e|e_dot=NAME",
+    help="Which input of the file is the error, which its rate (also ė=).",
+)
+@click.option(
+    "--output",
+    "outputs",
+    multiple=True,
+    metavar="u|kp|kd|alpha=NAME",
+    help="Which output is the command, or Kp, Kd and alpha; a number is a constant.",
+)
+@click.option(
+    "-o",
+    "target",
+    type=_FILE,
+    required=True,
+    metavar="FILE",
+    help="The ROS 2 parameter file to write, for --params or --params-file.",
+)
+@click.option("--force", is_flag=True, help=FORCE)
+@click.option(
+    "--tolerance",
+    type=FiniteRange(1e-9, 10.0),
+    default=0.01,
+    show_default=True,
+    help="Greatest deviation of a table that cannot be exact, as a share of the output's span.",
+)
+@click.option("--picture", type=_FILE, help="Both surfaces and their difference; .png, .svg, .pdf.")
+@json_option("import-fuzzy-1")
+def fuzzy_command(
+    file: Path,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    target: Path,
+    force: bool,
+    tolerance: float,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
+    """Take over the rules of a .fis (MATLAB, Octave), .fll (fuzzylite) or .fcl (IEC 61131-7) file.
+
+    The rules become a table: exact where the file interpolates between its peaks as fuzzy_pid and fuzzy do,
+    else sampled at up to 64 x 64 peaks. The greatest deviation from pyfuzzylite over 100,000 points is
+    printed.
+    """
+    check_output(target, (".yaml", ".yml"), force, [file], "-o")
+    if picture is not None:
+        from ..views.plot_style import SUFFIXES
+
+        check_output(picture, tuple(SUFFIXES), force, [file, target], "--picture")
+    names = _pairs("--input", inputs, _INPUTS), _pairs("--output", outputs, _OUTPUTS)
+    from ..rulebase.importing import import_rules
+
+    imported = import_rules(file, *names, tolerance)
+    if picture is not None:
+        from ..rulebase.picture import draw
+        from ..views.plot_style import save
+
+        save(draw(imported, f"{file.name}: {imported.text}"), picture)
+    write(target, {imported.node: imported.values})
+    if as_json:
+        deviation = imported.deviation
+        write_json(
+            "import-fuzzy-1",
+            {
+                "file": file,
+                "controller": imported.node,
+                "output": target,
+                "picture": picture,
+                "exact": imported.exact,
+                "peaks": {"error": imported.peaks[0], "rate": imported.peaks[1]},
+                "deviation": {
+                    "output": imported.output,
+                    "share": deviation.share,
+                    "distance": deviation.distance,
+                    "error": deviation.error,
+                    "rate": deviation.rate,
+                },
+                "parameters": imported.values,
+            },
+        )
+        return
+    click.echo(f"{file}: {imported.text}")
+    if picture is not None:
+        click.echo(f"picture: {picture}")
+    click.echo(f"{target}: for --controller {imported.node} --params {target}")
+
+
+def _pairs(option: str, texts: Sequence[str], keys: dict[str, str]) -> dict[str, str]:
+    """Return KEY=NAME as pairs. Raises PlanError for another key, and for one that is there twice."""
+    pairs: dict[str, str] = {}
+    for text in texts:
+        key, equals, name = text.partition("=")
+        key = keys.get(unicodedata.normalize("NFC", key.strip()), "")
+        if not equals or not name.strip() or not key or key in pairs:
+            raise PlanError(
+                f"{option} {text!r}: give {', '.join(f'{k}=NAME' for k in keys)}, each once"
+            )
+        pairs[key] = name.strip()
+    return pairs

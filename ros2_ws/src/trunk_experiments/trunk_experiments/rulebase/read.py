@@ -1,0 +1,53 @@
+"""A rule file as text in fuzzylite's language (FLL), into which the others are translated.
+
+Bounded: a file's size, its number of rules and of terms; no NaN.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from ..errors import RuleFileError
+from .fcl import fcl_to_fll
+from .fis import fis_to_fll
+from .words import MOST_RULES, MOST_TERMS
+
+LARGEST = 4_000_000  # bytes
+TRANSLATIONS: Mapping[str, Callable[[str], str]] = {
+    ".fis": fis_to_fll,
+    ".fll": str,
+    ".fcl": fcl_to_fll,
+}
+
+
+def read_fll(path: Path) -> str:
+    """Return a rule file as FLL. Raises RuleFileError for one that cannot be used."""
+    translate = TRANSLATIONS.get(path.suffix.lower())
+    if translate is None:
+        raise RuleFileError(f"{path}: the file's name must end in {', '.join(TRANSLATIONS)}")
+    text = _text(path)
+    try:
+        fll = translate(text)
+    except ValueError as error:
+        raise RuleFileError(f"{path}: {error}") from None
+    for word, most in (("rule", MOST_RULES), ("term", MOST_TERMS)):
+        count = len(re.findall(rf"^\s*{word}\s*:", fll, re.MULTILINE))
+        if count > most:
+            raise RuleFileError(f"{path}: {count} {word}s: at most {most} are read")
+    return fll
+
+
+def _text(path: Path) -> str:
+    with path.open("rb") as file:
+        data = file.read(LARGEST + 1)
+    if len(data) > LARGEST:
+        raise RuleFileError(f"{path}: more than {LARGEST / 1e6:g} MB: no rule file is that large")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    if re.search(r"[\x00-\x08\x0e-\x1f\x7f-\x84\x86-\x9f]", text):
+        raise RuleFileError(f"{path}: not a text in UTF-8 or Latin-1: save it as UTF-8")
+    return text
