@@ -32,6 +32,10 @@ def here(tmp_path, monkeypatch):
     (tmp_path / "mine.yaml").write_text(STUDY)
     (tmp_path / "mode.yaml").write_text(STUDY + MODE)
     (tmp_path / "one.yaml").write_text(ONE)
+    drawn = (
+        "  delay: {parameter: simulator.sensor.delay, distribution: uniform, low: 0.0, high: 0.1}\n"
+    )
+    (tmp_path / "none.yaml").write_text(ONE[: ONE.index("  delay:")] + drawn)
     return tmp_path
 
 
@@ -49,7 +53,11 @@ def run(*arguments):
         (["mine.yaml", "--x", "nix"], "'nix' is not a grid variable; available: delay, gain"),
         (["mine.yaml", "--x", "gain", "--y", "gain"], "--x and --y are both 'gain'"),
         (["mode.yaml", "--x", "mode"], "'mode' holds no numbers"),
-        (["one.yaml"], "a map needs two grid variables; available: delay"),
+        (
+            ["one.yaml", "--y", "delay"],
+            "--y delay: there is no other grid variable: give --x delay",
+        ),
+        (["none.yaml"], "a map needs one or two grid variables; it has none"),
         (["nix.yaml"], "no study 'nix.yaml'"),
     ],
     ids=str,
@@ -68,6 +76,15 @@ def test_a_study_is_swept_and_drawn(here):
     assert {path.name for path in here.iterdir()} >= {"mine.parquet", "mine.png"}
     done, told = run("mine.yaml", "-o", "again.png")
     assert "mine.parquet: it exists: give it in place of mine.yaml, or delete it" in told
+
+
+def test_one_variable_gives_curves(here):
+    done, message = run("one.yaml", "-o", "one.svg")
+    assert done.exit_code == 0, message
+    assert message.splitlines()[-1].endswith("one.svg: 1 controllers over delay")
+    picture = (here / "one.svg").read_text()
+    for label in ("delay (s)", "steady-state error, RMS (°)", "more than half fell", "Floquet"):
+        assert label in picture
 
 
 @pytest.mark.slow

@@ -15,9 +15,10 @@ from trunk_experiments.cli import trunk
 from trunk_experiments.console import tables
 from trunk_experiments.errors import StudyError
 from trunk_experiments.study.compare import FELL, compare_study
+from trunk_experiments.study.curves import draw_curves
 from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.intervals import mean_and_median, wilson
-from trunk_experiments.study.map import panels
+from trunk_experiments.study.map import axis_of, panels
 from trunk_experiments.study.results import Results
 from trunk_experiments.study.summary import Falls
 from trunk_experiments.study.sweep import SweepJob, processes
@@ -71,6 +72,40 @@ def test_a_map_renders(path, tmp_path, more):
     assert done.exit_code == 0, done.output
     assert target.read_bytes().startswith(b"\x89PNG")
     assert "2 controllers over" in done.output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("with_floquet", [False, True])
+def test_curves_draw_what_was_computed(path, with_floquet):
+    results = Results.read(path)
+    curves = panels(results, "iae", ("delay",), with_floquet)
+    figure = draw_curves(curves, "iae", "delay", results.study, "")
+    assert len(figure.axes) == 1 + with_floquet
+    lines = {line.get_label(): line.get_xydata() for line in figure.axes[0].get_lines()}
+    for curve in curves:
+        runs = results.of(curve.controller)
+        for k, delay in enumerate(curve.x):
+            at = runs.only(runs.column("delay") == delay)
+            fell = at.fallen.mean()
+            x, y = lines[curve.controller][k]
+            assert x == delay
+            assert (
+                np.isnan(y)
+                if fell > 0.5
+                else y == pytest.approx(np.mean(at.column("iae")[at.fallen == 0.0]), rel=1e-12)
+            )
+    crosses = [line.get_xdata() for line in figure.axes[0].get_lines() if line.get_marker() == "x"]
+    assert list(map(list, crosses)) == [list(c.x[c.fallen[0] > 0.5]) for c in curves]
+    if with_floquet:
+        grown = [line.get_ydata() for line in figure.axes[1].get_lines()[: len(curves)]]
+        assert np.array_equal(grown, [c.growth[0] for c in curves])
+
+
+def test_an_axis_has_its_unit(path):
+    study = Results.read(path).study
+    assert axis_of(study, "delay") == ("delay (s)", 1.0)
+    assert axis_of(study, "gain") == ("gain (factor)", 1.0)
+    assert axis_of(study, "angle") == ("angle (°)", pytest.approx(180 / np.pi))
 
 
 def test_what_cannot_be_drawn_is_refused(path, tmp_path):

@@ -11,7 +11,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError, build
-from trunk_msgs_util.recording.columns import in_turn, series_of
+from trunk_msgs_util.recording.columns import Column, in_turn, series_of
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS, seconds
@@ -54,26 +54,7 @@ class RunTable:
         hip, trunk = _joints(run)
         states = [topics.controller_state(name) for name in run.controllers]
         held = [name for name in _HELD if name in only]
-        series = run.series(
-            {
-                topics.GROUND_TRUTH: [
-                    ("position", hip),
-                    ("position", trunk),
-                    ("velocity", hip),
-                    ("velocity", trunk),
-                    ("effort", trunk),
-                ],
-                **(
-                    {topics.REFERENCE: [("position", trunk)] if "reference" in held else []}
-                    if run.external
-                    else {topics.EFFORT_COMMAND: [("effort", trunk)]}
-                ),
-                **(
-                    {topics.JOINT_STATES: [("position", trunk)]} if "theta_measured" in only else {}
-                ),
-                **{topic: [("position", name) for name in held] for topic in states if held},
-            },
-        )
+        series = run.series(cls.needed(run, only))
         truth = series[topics.GROUND_TRUTH]
         at = truth.stamp_ns
         if (count := run.count(topics.GROUND_TRUTH)) > 1 and len(at) == 1:
@@ -128,6 +109,33 @@ class RunTable:
             torque=torque,
             **columns,
         )
+
+    @staticmethod
+    def needed(
+        run: RecordedRun, only: Collection[str] = ("theta_measured", *_HELD)
+    ) -> dict[str, list[Column]]:
+        """Return the columns of the topics that `from_run` reads. Raises as it does."""
+        hip, trunk = _joints(run)
+        held = [("position", name) for name in _HELD if name in only]
+        needed: dict[str, list[Column]] = {
+            topics.GROUND_TRUTH: [
+                ("position", hip),
+                ("position", trunk),
+                ("velocity", hip),
+                ("velocity", trunk),
+                ("effort", trunk),
+            ]
+        }
+        if run.external:
+            reference = ("position", trunk)
+            needed[topics.REFERENCE] = [reference] if "reference" in only else []
+        else:
+            needed[topics.EFFORT_COMMAND] = [("effort", trunk)]
+        if "theta_measured" in only:
+            needed[topics.JOINT_STATES] = [("position", trunk)]
+        if held:
+            needed |= {topics.controller_state(name): list(held) for name in run.controllers}
+        return needed
 
     @classmethod
     def of_run(cls, run: RecordedRun) -> RunTable:

@@ -56,7 +56,8 @@ def disturbance(run: RecordedRun, table: RunTable) -> dict[str, Floats]:
     if not run.count(topics.DISTURBANCE):
         return {name: np.zeros(len(at)) for name in DISTURBANCE}
     acting = run.joints(topics.DISTURBANCE).by_stamp()
-    columns = [(kind, joint) for kind in ("effort", "position") for joint in acting.names[:2]]
+    joints = (*acting.names, "", "")[:2]  # of one that is missing nothing is known
+    columns = [(kind, joint) for kind in ("effort", "position") for joint in joints]
     return {
         name: matched_at(at, acting.stamp_ns, acting.column(*column))
         for name, column in zip(DISTURBANCE, columns, strict=True)

@@ -139,18 +139,26 @@ class Sweep:
             for difference in differences
         )
 
-    def map(self, x: str, y: str, metric: str = "iae", *, floquet: bool = False) -> Picture:
+    def map(
+        self, x: str, y: str | None = None, metric: str = "iae", *, floquet: bool = False
+    ) -> Picture:
         """Draw a metric over two grids of the study, one panel for each controller; grey: most runs fell.
 
+        Over ``x`` alone, each controller is a curve, and crosses are where most runs fell.
         ``floquet``: also draw where the linearised loop becomes unstable, which takes longer.
         Raises StudyError for a name that is not a grid of numbers.
         """
+        from ..study.curves import draw_curves
         from ..study.map import draw, panels
 
         if x == y:
             raise StudyError(f"map: x and y are both {x!r}: give two different grids")
-        drawn = panels(self._results, metric, (x, y), floquet)
-        return Picture(draw(drawn, metric, (x, y), f"{len(self)} runs"))
+        axes = (x,) if y is None else (x, y)
+        drawn = panels(self._results, metric, axes, floquet)
+        study, title = self._results.study, f"{len(self)} runs"
+        if y is None:
+            return Picture(draw_curves(drawn, metric, x, study, title))
+        return Picture(draw(drawn, metric, axes, study, title))
 
     def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
         """Write the results as Parquet, for `load_sweep`, `trunk study map` and `trunk study compare`.

@@ -248,11 +248,11 @@ def _study(
 
         curves = survival(study, Target(node, parameter), values, progress)
     if output is not None:
-        from ..study.map import draw_survival
-        from ..views.plot_style import save
+        from ..study.curves import draw_survival
+        from ..views.plot_style import save, with_unit
 
         title = f"{name}: {next(iter(curves.values())).runs} runs at each value, 95 % intervals"
-        save(draw_survival(curves, f"{vary}, {unit}", title), output)
+        save(draw_survival(curves, with_unit(vary, unit), title), output)
     if as_json:
         write_json(
             "limit-1",

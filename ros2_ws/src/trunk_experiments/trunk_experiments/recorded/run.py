@@ -59,6 +59,7 @@ class RecordedRun:
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
         self._tables: dict[str, JointTable] = {}
+        self._kept: dict[str, Series] = {}
         self._configs: dict[str, Any] = {}
         self._processes: dict[str, list[Process]] = {}
 
@@ -298,18 +299,32 @@ class RecordedRun:
     def series(self, wanted: Mapping[str, Collection[Column]]) -> dict[str, Series]:
         """Return columns of some JointState topics, empty ones for topics that were not recorded.
 
-        They are those of the tables that were read; the others are read in one pass and not kept.
+        They are those of the tables that were read, or that `keep_series` keeps; the others are read in one
+        pass and not kept.
         """
+        known = {
+            topic
+            for topic, columns in wanted.items()
+            if topic in self._kept and set(columns) <= self._kept[topic].columns.keys()
+        }
         names = {
-            topic: self.recording.topic(topic) for topic in wanted if topic not in self._tables
+            topic: self.recording.topic(topic)
+            for topic in wanted
+            if topic not in self._tables and topic not in known
         }
         series = read_series(self.recording, {name: wanted[topic] for topic, name in names.items()})
         return {
             topic: series.pop(names[topic])
             if topic in names
+            else self._kept[topic]
+            if topic in known
             else series_of(self._tables[topic].arrays, columns)
             for topic, columns in wanted.items()
         }
+
+    def keep_series(self, wanted: Mapping[str, Collection[Column]]) -> None:
+        """Read columns of some JointState topics in one pass, for all who ask `series` for them."""
+        self._kept |= self.series(wanted)
 
     def config(self, node: str) -> Any:
         """Return a node's configuration at the start.

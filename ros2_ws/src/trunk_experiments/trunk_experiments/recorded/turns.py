@@ -94,7 +94,8 @@ def recorded_turns(run: RecordedRun) -> tuple[Turn, ...]:
     if run.external:
         return (Turn(0.0, run.external),)
     names = run.controllers
-    stamps = [run.joints(topics.controller_state(name)).by_stamp().stamp_ns for name in names]
+    states = run.series({topics.controller_state(name): () for name in names})
+    stamps = [state.stamp_ns for state in states.values()]
     if not stamps:
         return ()
     who = np.repeat(np.arange(len(names)), [len(s) for s in stamps])

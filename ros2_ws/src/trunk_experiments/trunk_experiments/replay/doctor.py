@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from math import inf
 from pathlib import Path
 from typing import NamedTuple
@@ -14,13 +14,14 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import NONE
 from trunk_msgs_util.recording.bag_folder import bag_folder
-from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays
+from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays, decode
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.structure import ERROR, INFO, WARNING, Finding, structure
 from trunk_msgs_util.units import period_ns as period_of
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, NODES
+from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
 
 __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine", "findings"]
@@ -28,7 +29,6 @@ __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine", "findings"]
 _EXAMPLES = 3  # places listed for one kind of finding on one topic
 _GAP = 1.5  # periods between two messages: more is a gap
 _LONGEST_PERIOD = 1e9  # s: a longer one is not a period
-_PASS = 64 << 20  # bytes of messages that are decoded in one pass
 # What a run is recomputed from, and the quantities that this needs.
 _NEEDED = {
     names.GROUND_TRUTH: ("position", "velocity", "effort"),
@@ -61,7 +61,7 @@ def findings(run: RecordedRun) -> list[Finding]:
     files = bag_folder(path).files if path.is_dir() else [path]
     try:
         for file in files:
-            problems += structure(file)
+            problems += structure(file, recording.walks.get(file))
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}: give a readable file") from None
     # The structure check has already reported what the scan says of damaged bytes, with their place.
@@ -72,41 +72,88 @@ def findings(run: RecordedRun) -> list[Finding]:
         if not any(warning.endswith(message) for message in known)
     ]
     problems += _provenance(run)
-    problems += [
+    content: list[Finding] = []
+    try:
+        examined = _examined(recording)
+        content += _evidence(run, examined)
+        roles = _Roles.of(run)
+        for name, joints in sorted(examined.items()):
+            if run.another_robot and name == recording.topic(names.JOINT_STATES):
+                # Others' joints share the topic: only what our controllers look at counts.
+                content += _order(run.table(names.JOINT_STATES).stamp_ns, name, WARNING)
+            else:
+                content += _joints(run, roles, name, joints)
+    except RecordingError as error:
+        content.append(Finding(ERROR, str(error).removeprefix(f"{path}: ")))
+    problems += [  # the pass over the content has made the digests
         Finding(ERROR, f"{part}: not as the recorder wrote it (digest)")
         for part in recording.alterations()
     ]
-    try:
-        problems += _evidence(run)
-        roles = _Roles.of(run)
-        for topics in _together(recording):
-            for name, joints in recording.joints_of(topics).items():
-                if run.another_robot and name == recording.topic(names.JOINT_STATES):
-                    # Others' joints share the topic: only what our controllers look at counts.
-                    problems += _order(run.table(names.JOINT_STATES).stamp_ns, name, WARNING)
-                else:
-                    problems += _joints(run, roles, name, joints)
-    except RecordingError as error:
-        problems.append(Finding(ERROR, str(error).removeprefix(f"{path}: ")))
-    return problems
+    return problems + content
 
 
-def _together(recording: Recording) -> Iterator[list[str]]:
-    """Yield the JointState topics that can be read, as many in one pass as memory should hold."""
-    batch: list[str] = []
-    size = 0
-    for name, topic in sorted(recording.topics.items()):
-        if topic.type == names.JOINT_STATE_TYPE and topic.readable:
-            if batch and size + topic.size > _PASS:
-                yield batch
-                batch, size = [], 0
-            batch.append(name)
-            size += topic.size
-    if batch:
-        yield batch
+class _Examined:
+    """What is kept of a topic's messages as they pass: their stamps, and where numbers are not finite.
+
+    An hour at 1 kHz would take 2 GB with all values.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.names: tuple[str, ...] = ()
+        self.widths = dict.fromkeys(QUANTITIES, 0)
+        self.stamp_ns: Integers = np.empty(count, np.int64)
+        self.bad: dict[tuple[str, str], tuple[float, list[Integers]]] = {}
+        self.count = 0
+        self.regular = True  # all messages have the same names and quantities
+
+    def __len__(self) -> int:
+        return self.count
+
+    def take(self, joints: JointArrays) -> None:
+        """Take the next messages."""
+        widths = {quantity: getattr(joints, quantity).shape[1] for quantity in QUANTITIES}
+        if not self.count:
+            self.names, self.widths = joints.names, widths
+        first, self.count = self.count, self.count + len(joints)
+        if (joints.names, widths) != (self.names, self.widths) or self.count > len(self.stamp_ns):
+            self.regular = False
+            return
+        self.stamp_ns[first : self.count] = joints.stamp_ns
+        for quantity in QUANTITIES:
+            finite = np.isfinite(getattr(joints, quantity))
+            for column in np.flatnonzero(~finite.all(axis=0)).tolist():
+                rows = np.flatnonzero(~finite[:, column])
+                value = float(getattr(joints, quantity)[rows[0], column])
+                place = self.bad.setdefault((quantity, joints.names[column]), (value, []))
+                place[1].append(joints.stamp_ns[rows])
 
 
-def _evidence(run: RecordedRun) -> Iterator[Finding]:
+def _examined(recording: Recording) -> dict[str, _Examined]:
+    """Look through the JointState topics that can be read, by absolute name, in one pass.
+
+    Raises RecordingError.
+    """
+    readable = {
+        name: _Examined(topic.readable)
+        for name, topic in recording.topics.items()
+        if topic.type == names.JOINT_STATE_TYPE and topic.readable
+    }
+    for _, block in recording.survey():
+        for name in readable.keys() & block.keys():
+            try:
+                readable[name].take(decode(block[name]))
+            except (ValueError, OverflowError) as error:
+                raise RecordingError(
+                    f"{recording.path}: {name} cannot be read as JointState: {error}"
+                ) from None
+    for name in [name for name, joints in readable.items() if not joints.regular]:
+        whole = recording.joints(name)  # a name that some messages lack is NaN there
+        readable[name] = _Examined(len(whole))
+        readable[name].take(whole)
+    return readable
+
+
+def _evidence(run: RecordedRun, examined: Mapping[str, _Examined]) -> Iterator[Finding]:
     """Yield the findings that keep the run from being recomputed although every message is sound."""
     recording = run.recording
     if run.controllers and not run.events:
@@ -127,13 +174,15 @@ def _evidence(run: RecordedRun) -> Iterator[Finding]:
                 why = recording.unreadable(topic) or "no messages"
                 yield Finding(WARNING, f"{why}: the run cannot be recomputed", topic)
             continue
-        try:
-            table = run.table(relative)
-        except RecordingError as error:
-            yield Finding(ERROR, str(error).removeprefix(f"{recording.path}: "))
-            continue
+        table: _Examined | JointTable = examined[topic]
+        if run.another_robot or run.external:  # only what is meant for our controllers or our plant
+            try:
+                table = run.table(relative)
+            except RecordingError as error:
+                yield Finding(ERROR, str(error).removeprefix(f"{recording.path}: "))
+                continue
         for quantity in quantities:
-            if not table.values(quantity).shape[1]:
+            if not table.widths[quantity]:
                 text = f"no {quantity} in any message: the run cannot be recomputed"
                 yield Finding(WARNING, text, topic)
         if relative in _OF_BOTH and len(table.names) != 2 and not run.another_robot:
@@ -212,7 +261,7 @@ def _provenance(run: RecordedRun) -> Iterator[Finding]:
         yield Finding(WARNING, "no controller's ~/state: reference and gains are not known")
 
 
-def _joints(run: RecordedRun, roles: _Roles, topic: str, joints: JointArrays) -> Iterator[Finding]:
+def _joints(run: RecordedRun, roles: _Roles, topic: str, joints: _Examined) -> Iterator[Finding]:
     yield from _numbers(joints, topic)
     owner = roles.owners.get(topic)
     is_state = owner is not None
@@ -283,14 +332,13 @@ def _gaps(stamps: Integers, topic: str, period_ns: int | None, severity: str) ->
         yield Finding(severity, text, topic, int(stamps[wide[0]]))
 
 
-def _numbers(joints: JointArrays, topic: str) -> Iterator[Finding]:
+def _numbers(joints: _Examined, topic: str) -> Iterator[Finding]:
     for quantity in QUANTITIES:
-        values = getattr(joints, quantity)
-        for column in range(values.shape[1]):
-            bad = np.flatnonzero(~np.isfinite(values[:, column]))
-            if len(bad):
-                fault = f"{quantity}[{joints.names[column]}] is {values[bad[0], column]}"
-                yield from _places(ERROR, fault, topic, joints.stamp_ns[bad])
+        for name in joints.names:
+            if (quantity, name) in joints.bad:
+                value, stamps = joints.bad[quantity, name]
+                fault = f"{quantity}[{name}] is {value}"
+                yield from _places(ERROR, fault, topic, np.concatenate(stamps))
 
 
 def _places(severity: str, fault: str, topic: str, stamps: Integers) -> Iterator[Finding]:

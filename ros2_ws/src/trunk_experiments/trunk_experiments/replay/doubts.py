@@ -230,8 +230,9 @@ def _leans(run: RecordedRun) -> tuple[float | None, float | None]:
     if not run.count(topics.GROUND_TRUTH):
         return None, None
     try:
-        truth = run.table(topics.GROUND_TRUTH)
-        angle = degrees(float(truth.values("position")[-1, 1]))
+        column = ("position", run.joint_names(topics.GROUND_TRUTH)[1])
+        truth = run.series({topics.GROUND_TRUTH: [column]})[topics.GROUND_TRUTH]
+        angle = degrees(float(truth.column(*column)[-1]))
         if abs(angle) <= 90.0:
             return None, None
         timeline = run.timeline("simulator")

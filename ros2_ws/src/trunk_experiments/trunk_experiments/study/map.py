@@ -1,13 +1,13 @@
-"""Stability and performance over two parameters of a sweep, as a picture."""
+"""Stability and performance over one or two parameters of a sweep; over two, as a picture."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from math import nan
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from math import degrees, nan
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -20,18 +20,17 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_arrays import Floats
 
+from ..analysis.metrics import QUANTITIES
 from ..batch.workers import as_completed_bounded, worker_pool
 from ..errors import PlanError, StudyError, SweepError
 from ..plans.plan import RunPlan
 from ..tuning.floquet import floquet
-from ..views.plot_style import COLORS, STYLE, line_style
+from ..views.plot_style import COLORS, STYLE, with_unit
 from .bases import plan_of
 from .design import design
 from .results import METRICS, Results
 from .study import Scalar, StudySpec, Variable
-
-if TYPE_CHECKING:
-    from .limit import Survival
+from .units import units_for
 
 Progress = Callable[[int, int], None]  # takes the amount done and the total
 _MANY = 200  # points: fewer are faster without processes
@@ -42,7 +41,7 @@ _FLOQUET, _FALLEN, _BOUNDARY = COLORS[1], "#bdbdbd", "#000000"
 
 @dataclass(frozen=True)
 class MapPanel:
-    """One controller's map [y, x]; NaN where no run has a value."""
+    """One controller's map [y, x]; NaN where no run has a value. Over one variable: one row, and no ``y``."""
 
     controller: str
     x: Floats
@@ -53,7 +52,7 @@ class MapPanel:
     growth: Floats | None  # Floquet: the largest multiplier, per second
 
 
-def check_mappable(study: StudySpec, axes: tuple[str, str], metric: str) -> None:
+def check_mappable(study: StudySpec, axes: Sequence[str], metric: str) -> None:
     """Raise StudyError if the study's results will hold no numbers for the axes or the metric."""
     texts = [v.name for v in study.variables if isinstance(_first(v), str)]
     for name in (*axes, metric):
@@ -72,11 +71,11 @@ def _first(v: Variable) -> Scalar | None:
 def panels(
     results: Results,
     metric: str,
-    axes: tuple[str, str],
+    axes: Sequence[str],
     with_floquet: bool,
     progress: Progress = lambda done, of: None,
 ) -> list[MapPanel]:
-    """Return a panel per controller. Raises StudyError for axes that are not a grid of numbers.
+    """Return a panel per controller over one or two variables. Raises StudyError for no grid of numbers.
 
     ``progress`` is called with the number of points whose Floquet multipliers are done, and the total.
     """
@@ -95,15 +94,19 @@ def panels(
 
 
 def _panel(
-    results: Results, name: str, metric: str, axes: tuple[str, str], growth: Floats | None
+    results: Results, name: str, metric: str, axes: Sequence[str], growth: Floats | None
 ) -> MapPanel:
-    (x, i), (y, j) = (np.unique(results.column(axis), return_inverse=True) for axis in axes)
+    x, i = np.unique(results.column(axes[0]), return_inverse=True)
+    y: Floats = np.empty(0)
+    j = np.zeros_like(i)
+    if len(axes) > 1:
+        y, j = np.unique(results.column(axes[1]), return_inverse=True)
     fallen = results.fallen
     upright = np.where(fallen == 0.0, results.column(metric), np.nan)
     rms = np.where(fallen == 0.0, results.column("steady_state_error_rms_deg"), np.inf)
 
     def mean(values: Floats) -> Floats:
-        sums, counts = np.zeros((len(y), len(x))), np.zeros((len(y), len(x)))
+        sums, counts = np.zeros((2, len(y) or 1, len(x)))
         known = ~np.isnan(values)
         np.add.at(sums, (j[known], i[known]), values[known])
         np.add.at(counts, (j[known], i[known]), 1.0)
@@ -113,7 +116,7 @@ def _panel(
     return MapPanel(name, x, y, mean(upright), mean(fallen), mean(rms), growth)
 
 
-def _growth(results: Results, axes: tuple[str, str], progress: Progress) -> Mapping[str, Floats]:
+def _growth(results: Results, axes: Sequence[str], progress: Progress) -> Mapping[str, Floats]:
     """Return each controller's Floquet growth over the grid, at the first draw of all other variables."""
     study = results.study
     bases = results.bases()
@@ -125,7 +128,7 @@ def _growth(results: Results, axes: tuple[str, str], progress: Progress) -> Mapp
     levels = [np.unique(results.column(axis)).tolist() for axis in axes]
     for values in zip(*columns.values(), strict=True):
         row = dict(zip(columns, values, strict=True))
-        place = row["controller"], row[axes[0]], row[axes[1]]
+        place = (row["controller"], *(row[axis] for axis in axes))
         if place in seen:
             continue
         seen.add(place)
@@ -133,10 +136,12 @@ def _growth(results: Results, axes: tuple[str, str], progress: Progress) -> Mapp
             plans.append(plan_of(study, bases, row))
         except ParameterError:
             continue  # refused, and not run either
-        at = levels[1].index(float(place[2])), levels[0].index(float(place[1]))
-        places.append((row["controller"], *at))
+        j = levels[1].index(float(place[2])) if len(axes) > 1 else 0
+        places.append((row["controller"], j, levels[0].index(float(place[1]))))
     for (name, j, i), growth in zip(places, _growths(plans, progress), strict=True):
-        grid = grids.setdefault(name, np.full((len(levels[1]), len(levels[0])), np.nan))
+        grid = grids.setdefault(
+            name, np.full((len(levels[-1]) if len(axes) > 1 else 1, len(levels[0])), np.nan)
+        )
         grid[j, i] = growth
     return grids
 
@@ -176,22 +181,25 @@ def _growth_of(numbered: tuple[int, RunPlan]) -> tuple[int, float]:
 def draw(
     maps: list[MapPanel],
     metric: str,
-    axes: tuple[str, str],
+    axes: Sequence[str],
+    study: StudySpec,
     title: str,
     among: Sequence[MapPanel] = (),
 ) -> Figure:
-    """Return the panels side by side, with one colour scale for all ``among``, by default for these."""
+    """Return maps over two variables side by side, one colour scale for all ``among`` (default: ``maps``)."""
     values = np.concatenate([panel.values[np.isfinite(panel.values)] for panel in among or maps])
+    (x, x_scale), (y, y_scale) = (axis_of(study, axis) for axis in axes)
+    scaled = [replace(panel, x=x_scale * panel.x, y=y_scale * panel.y) for panel in maps]
     low, high = np.percentile(values, (2, 98)) if len(values) else (0.0, 1.0)
     with rc_context({**STYLE, "axes.grid": False}):
         figure = Figure(figsize=(1.2 + 4.2 * len(maps), 4.6), layout="constrained")
         plots = figure.subplots(1, len(maps), sharey=True, squeeze=False)[0]
-        for plot, panel in zip(plots, maps, strict=True):
+        for plot, panel in zip(plots, scaled, strict=True):
             mesh = _draw_panel(plot, panel, (float(low), float(max(high, low + 1e-12))))
             plot.set_title(panel.controller)
-            plot.set_xlabel(axes[0])
-        plots[0].set_ylabel(axes[1])
-        figure.colorbar(mesh, ax=list(plots), label=metric, extend="both")
+            plot.set_xlabel(x)
+        plots[0].set_ylabel(y)
+        figure.colorbar(mesh, ax=list(plots), label=metric_label(metric), extend="both")
         figure.legend(
             handles=_legend(maps), loc="outside lower center", ncols=4 if len(maps) > 1 else 2
         )
@@ -205,13 +213,8 @@ def _draw_panel(plot: Axes, panel: MapPanel, limits: tuple[float, float]) -> Any
     mesh = plot.pcolormesh(
         panel.x, panel.y, shown, cmap="cividis", vmin=limits[0], vmax=limits[1], shading="nearest"
     )
-    for axis, values in (("x", panel.x), ("y", panel.y)):
-        if _geometric(values):
-            plot.set(**{f"{axis}scale": "log"})
-            ticks = plot.xaxis if axis == "x" else plot.yaxis
-            ticks.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            ticks.set_major_formatter(StrMethodFormatter("{x:g}"))
-            ticks.set_minor_formatter(NullFormatter())
+    scale_axis(plot, "x", panel.x)
+    scale_axis(plot, "y", panel.y)
     _line(plot, panel, np.nan_to_num(panel.fallen, nan=1.0), 0.5, _BOUNDARY, "solid")
     level = np.log(np.clip(panel.quiet, 1e-6, 1e6))
     _line(plot, panel, level, float(np.log(QUIET_DEG)), _BOUNDARY, (0, (1.5, 1.5)))
@@ -230,6 +233,35 @@ def _line(
         plot.contour(
             panel.x, panel.y, values, [level], colors=[color], linestyles=[dashes], linewidths=1.8
         )
+
+
+def metric_label(metric: str) -> str:
+    """Return a metric's label with its unit; another column's name."""
+    known = QUANTITIES.get(metric)
+    return with_unit(known.label, known.unit) if known else metric
+
+
+def axis_of(study: StudySpec, name: str) -> tuple[str, float]:
+    """Return the label of a variable's axis, with its unit, and what its values are multiplied by there.
+
+    Angles are drawn in degrees, as everywhere; a factor is a plain number.
+    """
+    v = next(v for v in study.variables if v.name == name)
+    units = units_for(v.targets, v.how, study.contenders)
+    unit = units[0][0] if len(units) == 1 and len(units[0]) == 1 else ""
+    if unit == "rad":
+        return with_unit(name, "°"), degrees(1.0)
+    return with_unit(name, "factor" if v.how == "factor" else unit), 1.0
+
+
+def scale_axis(plot: Axes, axis: str, values: Floats) -> None:
+    """Make an axis logarithmic, with plain numbers at its ticks, where its values are geometric."""
+    if _geometric(values):
+        plot.set(**{f"{axis}scale": "log"})
+        ticks = plot.xaxis if axis == "x" else plot.yaxis
+        ticks.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ticks.set_major_formatter(StrMethodFormatter("{x:g}"))
+        ticks.set_minor_formatter(NullFormatter())
 
 
 def _geometric(values: Floats) -> bool:
@@ -254,22 +286,3 @@ def _legend(maps: list[MapPanel]) -> list[Any]:
             Line2D([], [], color=_FLOQUET, linestyle=(0, (6, 2)), label="Floquet: multiplier 1")
         )
     return handles
-
-
-def draw_survival(curves: Mapping[str, Survival], axis: str, title: str) -> Figure:
-    """Return a figure with one curve and its 95 % band for each controller."""
-    with rc_context(STYLE):
-        figure = Figure(figsize=(7.5, 4.5), layout="constrained")
-        plot = figure.subplots()
-        for k, (controller, curve) in enumerate(curves.items()):
-            style = line_style(k)
-            shares = [100.0 * estimate.value for estimate in curve.shares]
-            low = [100.0 * estimate.low for estimate in curve.shares]
-            high = [100.0 * estimate.high for estimate in curve.shares]
-            plot.plot(curve.values, shares, label=controller, **style)
-            plot.fill_between(
-                curve.values, low, high, color=style["color"], alpha=0.18, linewidth=0
-            )
-        plot.set(xlabel=axis, ylabel="runs that stand, %", ylim=(-2.0, 102.0), title=title)
-        plot.legend()
-    return figure

@@ -23,10 +23,10 @@ from ..errors import StudyError
 from ..views import report_page
 from ..views.plot_style import drawn
 from .compare import MeanDifference, compare_study
+from .curves import draw_curves, drawn_parameters, scatter
 from .intervals import RESAMPLES
 from .map import draw, panels
 from .results import METRICS, Results
-from .scatter_plot import drawn_parameters, scatter
 from .summary import (
     Falls,
     MetricDistribution,
@@ -88,7 +88,7 @@ class StudyReport:
     doubts: tuple[str, ...]
     metrics: tuple[MetricPart, ...]
     maps: tuple[tuple[str, str], ...]  # of each controller, as a data URL
-    axes: tuple[str, str] | None
+    axes: tuple[str, ...]  # of the maps: two grid variables, or of one picture of curves: one
     map_metric: str
     worst: tuple[tuple[Worst, str], ...]  # with the command that runs it again
     worst_metric: str
@@ -172,26 +172,29 @@ def _doubts(fall_counts: list[Falls]) -> list[str]:
     return lines
 
 
-def _axes(results: Results) -> tuple[str, str] | None:
-    """Return the first two grid variables of numbers with two values or more; None if there are none."""
+def _axes(results: Results) -> tuple[str, ...]:
+    """Return the first two grid variables of numbers with two values or more, or as many as there are."""
     names = [
         v.name
         for v in results.study.grid
         if len(v.values) > 1 and not isinstance(v.values[0], str | bool)
     ]
-    return (names[0], names[1]) if len(names) > 1 else None
+    return tuple(names[:2])
 
 
 def _maps(
     results: Results,
     metric: str,
-    axes: tuple[str, str],
+    axes: tuple[str, ...],
     floquet: Callable[[int, int], None] | None,
 ) -> list[tuple[str, str]]:
     maps = panels(results, metric, axes, floquet is not None, floquet or (lambda done, of: None))
+    if len(axes) == 1:
+        picture = draw_curves(maps, metric, axes[0], results.study, "")
+        return [("all controllers", _data_url(picture))]
     pictures = []
     for panel in maps:
-        picture = draw([panel], metric, axes, "", among=maps)
+        picture = draw([panel], metric, axes, results.study, "", among=maps)
         pictures.append((panel.controller, _data_url(picture)))
     return pictures
 

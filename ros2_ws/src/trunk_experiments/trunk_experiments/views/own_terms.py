@@ -12,14 +12,12 @@ from trunk_msgs_util import topics
 
 from ..analysis.run_table import held_at
 from ..plans.nodes import CONTROLLERS
+from .run_view import RunView, own_terms_of, tells_gains
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Floats
 
-    from .run_view import RunView
-
 _UNITS = {"unsaturated": "N m"}
-GAINS = ("kp", "ki", "kd", "alpha")
 
 
 class OwnTerm(NamedTuple):
@@ -40,19 +38,10 @@ def own_terms(views: Sequence[RunView]) -> list[OwnTerm]:
     own: dict[str, OwnTerm] = {}
     for view in views:
         for controller in view.controllers:
-            if controller in CONTROLLERS and not tells_gains(controller):
-                law = law_named(controller)
-                for name in law.terms._fields:
-                    if name not in ("effort", "held"):
-                        own.setdefault(
-                            name, OwnTerm(name, _UNITS.get(name, law.units.get(name, "")))
-                        )
+            for name in own_terms_of(controller):
+                units = {**law_named(controller).units, **_UNITS}
+                own.setdefault(name, OwnTerm(name, units.get(name, "")))
     return list(own.values())
-
-
-def tells_gains(controller: str) -> bool:
-    """Return True if a law's terms are a PID's: gains and their shares."""
-    return set(GAINS) <= set(law_named(controller).terms._fields)
 
 
 def gains_told(views: Sequence[RunView]) -> bool:
@@ -67,8 +56,8 @@ def values_of_term(view: RunView, term: OwnTerm) -> Floats:
     values: Floats = np.full(len(t_ns), np.nan)
     for controller in view.controllers:
         if controller in CONTROLLERS and term.name in law_named(controller).terms._fields:
-            states = view.run.joints(topics.controller_state(controller)).by_stamp()
-            if len(states) and term.name in states.names:
-                held = held_at(t_ns, states.stamp_ns, states.column("position", term.name))
-                values = np.where(np.isnan(values), held, values)
+            state, column = topics.controller_state(controller), ("position", term.name)
+            recorded = view.run.series({state: [column]})[state]
+            held = held_at(t_ns, recorded.stamp_ns, recorded.column(*column))
+            values = np.where(np.isnan(values), held, values)
     return values

@@ -53,6 +53,11 @@ STYLE = {
 }
 
 
+def with_unit(label: str, unit: str) -> str:
+    """Return an axis' label: a quantity, and its unit in parentheses with dots between factors."""
+    return f"{label} ({unit.replace(' ', '·')})" if unit else label
+
+
 def line_style(index: int) -> dict[str, Any]:
     """Return colour and dashes of the i-th run; up to 8 x 5 runs look different."""
     return {

@@ -155,7 +155,7 @@ def _rules(view: RunView) -> RuleUse | None:
     if not isinstance(config, RuleBaseConfig):
         return None
     counts = rule_use(view)
-    updates = max(1, len(view.terms))
+    updates = max(1, len(view.terms or ()))
     tables = [table.cells for table in config.tables]
     rows = tuple(
         (

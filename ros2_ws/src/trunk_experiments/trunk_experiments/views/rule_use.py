@@ -8,21 +8,23 @@ import numpy as np
 
 from trunk_control.rule_base import RuleBaseConfig
 
+from .run_view import INPUTS, RunView
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 
-    from .run_view import RunView
+
+_AT_ONCE = 1 << 16  # updates: those of an hour at once would take 400 MB
 
 
 def rule_use(view: RunView) -> list[list[int]]:
     """Return how many updates fired each rule (weight above 0), [label of e][label of e_dot]."""
     config = view.controller
-    if not isinstance(config, RuleBaseConfig):
+    if not isinstance(config, RuleBaseConfig) or view.terms is None:
         return []
-    terms = view.terms
-    errors, rates = (terms.column("position", name) for name in ("error", "error_rate"))
+    errors, rates = (view.terms.column(*column) for column in INPUTS)
     return times_fired(errors, rates, *config.peaks)
 
 
@@ -30,19 +32,21 @@ def times_fired(
     errors: Floats, rates: Floats, error_peaks: Sequence[float], rate_peaks: Sequence[float]
 ) -> list[list[int]]:
     """Return how many of the inputs [rad, rad/s] fire each rule: `fired_rules` of all at once."""
-    i, a = _located(errors, error_peaks)
-    j, b = _located(rates, rate_peaks)
-    both = a * b
-    later = b - both
     counts = np.zeros((len(error_peaks), len(rate_peaks)), np.int64)
-    for rows, columns, weights in (
-        (i, j, 1.0 - a - later),
-        (i, j + 1, later),
-        (i + 1, j, a - both),
-        (i + 1, j + 1, both),
-    ):
-        fired = weights > 0.0
-        np.add.at(counts, (rows[fired], columns[fired]), 1)
+    for first in range(0, len(errors), _AT_ONCE):
+        i, a = _located(errors[first : first + _AT_ONCE], error_peaks)
+        j, b = _located(rates[first : first + _AT_ONCE], rate_peaks)
+        both = a * b
+        later = b - both
+        for rows, columns, weights in (
+            (i, j, 1.0 - a - later),
+            (i, j + 1, later),
+            (i + 1, j, a - both),
+            (i + 1, j + 1, both),
+        ):
+            fired = weights > 0.0
+            at = np.ravel_multi_index((rows[fired], columns[fired]), counts.shape)
+            counts += np.bincount(at, minlength=counts.size).reshape(counts.shape)
     table: list[list[int]] = counts.tolist()
     return table
 

@@ -29,8 +29,13 @@ from ..recorded.turns import Turn, recorded_turns
 
 if TYPE_CHECKING:
     from trunk_msgs_util.parameters.declarations import Value
-    from trunk_msgs_util.recording.joint_arrays import Floats, Integers, JointArrays
+    from trunk_msgs_util.recording.columns import Column, Series
+    from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 
+    from ..plans.timeline import Timeline
+
+GAINS = ("kp", "ki", "kd", "alpha")
+INPUTS: tuple[Column, ...] = (("position", "error"), ("position", "error_rate"))  # of the inference
 _TURNS_IN_TITLE = 4  # more are not spelled out
 
 
@@ -53,8 +58,7 @@ class RunView:
 
     run: RecordedRun
     table: RunTable
-    terms: JointArrays  # of ~/state, by stamp; empty if there is none
-    disturbances: JointArrays  # by stamp
+    terms: Series | None  # what a law infers from, of its ~/state; None if it has no rules
     controller_name: str | None
     controller: ControllerConfig | None
     controllers: Mapping[str, ControllerConfig | None]
@@ -87,22 +91,30 @@ class RunView:
         }
         fuzzy = [node for node, c in controllers.items() if isinstance(c, RuleBaseConfig)]
         name = fuzzy[0] if fuzzy else run.recording.controller
-        for node in run.controllers:  # kept: the turns and the table of the run need them too
-            run.table(topics.controller_state(node))
-        state = topics.controller_state(name) if name else ""
         disturbance = cast("DisturbanceConfig | None", config("disturbance"))
-        acting = run.joints(topics.DISTURBANCE).by_stamp()
+        needed = {} if run.another_robot else RunTable.needed(run)
+        for node in run.controllers:
+            state = topics.controller_state(node)
+            terms = [("position", term) for term in own_terms_of(node)]
+            inputs = INPUTS if node in fuzzy else ()
+            needed[state] = [*needed.get(state, ()), *inputs, *terms]
+        if disturbance:
+            needed[topics.DISTURBANCE] = []
+        run.keep_series(needed)  # in one pass, without what is not shown
         return cls(
             run=run,
             table=RunTable.of_run(run),
-            terms=run.joints(state).by_stamp(),
-            disturbances=acting,
+            terms=run.series({topics.controller_state(fuzzy[0]): INPUTS}).popitem()[1]
+            if fuzzy
+            else None,
             controller_name=name,
             controller=controllers.get(name or ""),
             controllers=controllers,
             simulator=cast("SimulatorConfig | None", config("simulator")),
             disturbance=disturbance,
-            pulses=tuple(_pulses(run, acting.stamp_ns)) if disturbance else (),
+            pulses=tuple(_pulses(run, run.series({topics.DISTURBANCE: ()}).popitem()[1].stamp_ns))
+            if disturbance
+            else (),
             turns=recorded_turns(run),
             warnings=tuple(warnings),
         )
@@ -162,6 +174,18 @@ def _in_words(name: str, config: ControllerConfig | None) -> str:
     return f"{law.label} ({more})" if more else law.label
 
 
+def own_terms_of(controller: str) -> tuple[str, ...]:
+    """Return the names of a law's terms if it reports no gains, the only ones that are shown."""
+    if controller not in CONTROLLERS or tells_gains(controller):
+        return ()
+    return tuple(n for n in law_named(controller).terms._fields if n not in ("effort", "held"))
+
+
+def tells_gains(controller: str) -> bool:
+    """Return True if a law's terms are a PID's: gains and their shares."""
+    return set(GAINS) <= set(law_named(controller).terms._fields)
+
+
 def _pulses(run: RecordedRun, stamps: Integers) -> list[Pulse]:
     """Return the windows of stamps in which a pulse acted, with parameter changes applied.
 
@@ -187,7 +211,8 @@ def _windows(
     timeline = run.timeline("disturbance")
     signals = timeline.config.signals
     open_since: tuple[int, int, float] | None = None
-    for stamp_ns in stamps.tolist():
+    rows = np.searchsorted(stamps, [0, *sorted(_edges(run.timeline("disturbance")))])
+    for stamp_ns in stamps[np.unique(rows[rows < len(stamps)])].tolist():
         if timeline.advance(stamp_ns):
             signals = timeline.config.signals
         channel, value = at(stamp_ns, signals)
@@ -200,6 +225,17 @@ def _windows(
     if open_since is not None:
         start, before, magnitude = open_since
         yield Pulse(seconds(start), seconds(int(stamps[-1])), CHANNELS[before], magnitude)
+
+
+def _edges(timeline: Timeline) -> set[int]:
+    """Return the times, ns, at which pulses and held values may change; they are constant in between."""
+    edges: set[int] = set()
+    for change_ns in (-1, *(change.stamp_ns for change in timeline.to_come)):
+        timeline.advance(change_ns + 1)
+        signals = timeline.config.signals
+        ends = (start + signals.pulse_duration for start in signals.pulse_starts)
+        edges |= {change_ns + 1, *signals.pulse_starts, *ends, *signals.table_times}
+    return edges
 
 
 def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = None) -> list[str]:

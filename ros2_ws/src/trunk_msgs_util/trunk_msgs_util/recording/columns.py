@@ -80,7 +80,17 @@ def read_series(
                 f"{recording.path}: {topic} has {loader.loaded} messages, {loader.count} were "
                 "counted: its index is wrong (trunk doctor) or the file has changed: open it again"
             )
-    return {topic: loaders.pop(topic).ordered() for topic in list(loaders)}
+    series: dict[str, Series] = {}
+    for topic in list(loaders):
+        ordered = loaders.pop(topic).ordered()
+        for (
+            other
+        ) in series.values():  # answers have the stamps of what they answer: they share memory
+            if np.array_equal(other.stamp_ns, ordered.stamp_ns):
+                ordered = Series(other.stamp_ns, ordered.columns)
+                break
+        series[topic] = ordered
+    return series
 
 
 def series_of(arrays: JointArrays, columns: Collection[Column]) -> Series:

@@ -15,6 +15,7 @@ from mcap.records import Channel, Header, Metadata, Schema, Statistics
 
 from .bag_folder import LONGEST_HEAD, other_format
 from .blocks import (
+    BLOCKS,
     ChecksumError,
     DamageError,
     Record,
@@ -87,15 +88,18 @@ class RecordingFile:
         self,
         progress: Callable[[int], None] = lambda _: None,
         keep: Callable[[int, Content], None] = lambda _at, _content: None,
+        follow: Callable[[Record, Content | None], None] = lambda _record, _content: None,
     ) -> None:
         """Read the file; ``progress`` is called with the bytes read, ``keep`` with each block's content.
 
+        ``follow`` is called with every record of the file, and the content of those that are blocks.
         Raises RecordingError and OSError.
         """
 
         def take_content(content: Content, record: Record) -> None:
             self.take_content(content, record)
             keep(record.offset, content)
+            follow(record, content)
 
         size = size_of(self.path)
         budget = Budget(size)
@@ -104,6 +108,8 @@ class RecordingFile:
             try:
                 for record in records(file, size):
                     visit(record, budget, take_content, self.take_record)
+                    if record.opcode not in BLOCKS:
+                        follow(record, None)
                     progress(record.end)
             except DamageError as error:
                 self.warning = str(error)

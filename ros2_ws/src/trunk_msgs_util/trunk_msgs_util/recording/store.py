@@ -14,7 +14,7 @@ from .bag_folder import METADATA, bag_folder
 from .blocks import name_of
 from .digests import DIGESTS, END, PROVENANCE, RunningDigests, differing, uncoverable, uncovered
 from .file import RecordingFile, size_of
-from .structure import ERROR, structure
+from .structure import ERROR, Walk, structure
 from .summary import open_by_summary
 from .topic import RecordingError, Topic
 
@@ -46,6 +46,7 @@ class RecordedFiles:
         self.warnings: list[str] = []
         self.unfinished = ""
         self.checked = True  # every record was read and is sound
+        self.walks: dict[Path, Walk] = {}  # of the undamaged files that were read whole
         self._sound = True
         self._files: list[RecordingFile] = []
         self._kept: OrderedDict[tuple[int, int], Content] = OrderedDict()
@@ -66,7 +67,10 @@ class RecordedFiles:
             else:
                 file = RecordingFile(path, self.topics)
                 report = partial(_report, progress, sum(sizes[:i]), sum(sizes))
-                file.scan(report, partial(self._keep_scanned, i))
+                walk = Walk(sizes[i])
+                file.scan(report, partial(self._keep_scanned, i), walk.take)
+                if file.whole and file.warning is None:
+                    self.walks[path] = walk
             self._files.append(file)
             self._sound &= file.sound
             self.provenance.update(file.metadata[PROVENANCE])
@@ -170,12 +174,12 @@ class RecordedFiles:
     def seen_otherwise(self) -> list[str]:
         """What an index or a summary says otherwise than the data, a line each: other readers go by it.
 
-        The files are read once more. Raises OSError.
+        Files that were not read whole are read once more. Raises OSError.
         """
         return [
             finding.describe()
             for file in self._files
-            for finding in structure(file.path)
+            for finding in structure(file.path, self.walks.get(file.path))
             if finding.severity == ERROR and finding.message != file.warning
         ]
 

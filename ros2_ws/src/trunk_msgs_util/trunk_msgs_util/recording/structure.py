@@ -59,16 +59,22 @@ class Finding:
         return ": ".join([*([", ".join(place)] if place else []), self.message])
 
 
-def structure(path: Path) -> list[Finding]:
-    """Return the faults in a file's structure. Raises RecordingError if it is not MCAP."""
+def structure(path: Path, walk: Walk | None = None) -> list[Finding]:
+    """Return the faults in a file's structure. Raises RecordingError if it is not MCAP.
+
+    ``walk``: what a pass through an undamaged file has seen; without it, the file is read here.
+    """
     size = size_of(path)
-    findings: list[Finding] = []
+    if walk is not None:
+        with path.open("rb") as file:
+            return [*walk.findings, *_summary(file, size, walk)]
+    walk = Walk(size)
+    findings = walk.findings
     with path.open("rb") as file:
         check_magic(path, file, size)
-        walk = _Walk(size)
         try:
             for record in records(file, size):
-                findings += walk.take(record)
+                walk.take(record)
         except DamageError as error:
             if isinstance(error, TrailingError):
                 walk.end = size = walk.end + len(MAGIC)
@@ -87,7 +93,7 @@ class _SeenChunk(NamedTuple):
     marks: dict[int, int]  # of its messages, by channel
 
 
-class _Walk:
+class Walk:
     """What a pass through the records has seen, to check the indexes against."""
 
     def __init__(self, size: int) -> None:
@@ -98,9 +104,13 @@ class _Walk:
         self.records: dict[int, set[int]] = {o: set() for o in _INDEXED}  # offsets by opcode
         self.outside = 0  # messages outside chunks
         self.data_end: int | None = None
+        self.findings: list[Finding] = []
 
-    def take(self, record: Record) -> Iterator[Finding]:
-        """Count a record; yield what is wrong with it."""
+    def take(self, record: Record, content: Content | None = None) -> None:
+        """Count a record, of a block its content too, and note what is wrong with it."""
+        self.findings += self._faults(record, content)
+
+    def _faults(self, record: Record, content: Content | None) -> Iterator[Finding]:
         self.end = record.end
         if record.opcode == Opcode.DATA_END:
             self.data_end = record.end
@@ -113,7 +123,7 @@ class _Walk:
             yield _skipped(record, record.opcode)
         elif record.opcode in BLOCKS:
             try:
-                content = content_of(record, self.budget)
+                content = content_of(record, self.budget) if content is None else content
             except LimitReachedError:
                 raise
             except DamageError as error:
@@ -160,7 +170,7 @@ def _chunk(record: Record, content: Content) -> Iterator[Finding]:
             yield Finding(ERROR, text, byte=record.offset)
 
 
-def _summary(file: BinaryIO, size: int, walk: _Walk) -> Iterator[Finding]:
+def _summary(file: BinaryIO, size: int, walk: Walk) -> Iterator[Finding]:
     try:
         summary = read_summary(file, size)
     except ValueError as error:
@@ -204,7 +214,7 @@ def _others(summary: Summary) -> dict[Opcode, Sequence[MetadataIndex | Attachmen
     return {Opcode.METADATA: summary.metadata, Opcode.ATTACHMENT: summary.attachments}
 
 
-def _hidden(summary: Summary, walk: _Walk) -> Iterator[Finding]:
+def _hidden(summary: Summary, walk: Walk) -> Iterator[Finding]:
     """Yield the records hidden from readers that go by the summary; without any index they scan the file."""
     place = summary.start
     if walk.chunks and not summary.chunks:
@@ -236,7 +246,7 @@ def _hidden(summary: Summary, walk: _Walk) -> Iterator[Finding]:
 
 
 def _chunk_index(
-    file: BinaryIO, chunk: ChunkIndex, walk: _Walk, following: int
+    file: BinaryIO, chunk: ChunkIndex, walk: Walk, following: int
 ) -> Iterator[Finding]:
     """Yield the faults of a chunk's index; ``following`` is where the next chunk begins."""
     at = chunk.chunk_start_offset

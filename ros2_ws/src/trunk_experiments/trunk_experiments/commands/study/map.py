@@ -1,4 +1,4 @@
-"""``trunk study map``: stability and performance over two parameters, as a picture."""
+"""``trunk study map``: stability and performance over one or two parameters, as a picture."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ if TYPE_CHECKING:
     "--x", "x", metavar="NAME", help="Grid variable on the horizontal axis.  [default: the first]"
 )
 @click.option(
-    "--y", "y", metavar="NAME", help="Grid variable on the vertical axis.  [default: the second]"
+    "--y",
+    "y",
+    metavar="NAME",
+    help="Grid variable on the vertical axis.  [default: the second, if any]",
 )
 @click.option(
     "--metric",
@@ -49,12 +52,13 @@ def command(
     no_floquet: bool,
     as_json: bool,
 ) -> None:
-    """Draw a sweep's results over two of its grid's variables, one panel per controller.
+    """Draw a sweep's results over two of its grid's variables, one panel per controller; over one, as curves.
 
-    A study that has not been swept is swept first, into STUDY.parquet in the current folder. Grey: more than
-    half of the draws fell. The line of the Floquet multipliers is for the loop linearised about the upright
-    trunk, with the hip driven at its initial speed and no torque limit.
+    A study that has not been swept is swept first, into STUDY.parquet in the current folder. Grey, or a
+    cross: more than half of the draws fell. Floquet multipliers are those of the loop linearised about the
+    upright trunk, with the hip driven at its initial speed and no torque limit.
     """
+    from ...study.curves import draw_curves
     from ...study.map import draw, panels
     from ...study.results import Results
     from ...views.plot_style import SUFFIXES, save
@@ -71,7 +75,12 @@ def command(
     axes = choose_axes(results.grid, x, y, str(path))
     with progress_bar("Floquet multipliers") as tell:
         drawn = panels(results, metric, axes, not no_floquet, tell)
-    save(draw(drawn, metric, axes, f"{path.stem}: {len(results.table)} runs"), target)
+    title = f"{path.stem}: {len(results.table)} runs"
+    if len(axes) == 1:
+        picture = draw_curves(drawn, metric, axes[0], results.study, title)
+    else:
+        picture = draw(drawn, metric, axes, results.study, title)
+    save(picture, target)
     if as_json:
         values = {
             "results": path,
@@ -79,12 +88,12 @@ def command(
             "runs": len(results.table),
             "metric": metric,
             "x": axes[0],
-            "y": axes[1],
+            "y": axes[1] if len(axes) > 1 else None,
             "panels": [panel_values(panel) for panel in drawn],
         }
         write_json("map-1", values)
         return
-    click.echo(f"{target}: {len(drawn)} controllers over {axes[0]} and {axes[1]}")
+    click.echo(f"{target}: {len(drawn)} controllers over {' and '.join(axes)}")
 
 
 def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metric: str) -> str:
@@ -120,10 +129,10 @@ def _rows(values: Floats) -> list[list[float | None]]:
     return [[None if isnan(value) else value for value in row] for row in values.tolist()]
 
 
-def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) -> tuple[str, str]:
-    """Return the horizontal and vertical grid variables, by default the first two.
+def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) -> tuple[str, ...]:
+    """Return the horizontal and, if there are two, the vertical grid variable; by default the first two.
 
-    Raises PlanError if there are not two.
+    Raises PlanError if there is none.
     """
     known = ", ".join(grid) or "none"
     for name in (x, y):
@@ -131,7 +140,11 @@ def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) 
             raise PlanError(f"{source}: {name!r} is not a grid variable; available: {known}")
     if x is not None and x == y:
         raise PlanError(f"{source}: --x and --y are both {x!r}: give two of {known}")
-    if len(grid) < 2:
-        raise PlanError(f"{source}: a map needs two grid variables; available: {known}")
+    if not grid:
+        raise PlanError(f"{source}: a map needs one or two grid variables; it has none")
+    if len(grid) == 1:
+        if y is not None:
+            raise PlanError(f"{source}: --y {y}: there is no other grid variable: give --x {y}")
+        return (grid[0],)
     right = x or next(name for name in grid if name != y)
     return right, y or next(name for name in grid if name != right)
