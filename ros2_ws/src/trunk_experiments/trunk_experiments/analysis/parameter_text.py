@@ -54,7 +54,7 @@ def cells_text(changes: Sequence[CellChange], axes: Axes) -> str:
 
 
 def change_text(before: object, after: object, axes: Axes) -> str:
-    """Return what differs between two rule tables: cells, or another size."""
+    """Return the difference between two rule tables: cells, or another size."""
     try:
         return cells_text(cell_changes(before, after), axes)  # type: ignore[arg-type]
     except (TypeError, ValueError):

@@ -75,8 +75,8 @@ def draw_curves(
             x, fallen = scale * curve.x, curve.fallen[0]
             mean = np.where(fallen > 0.5, np.nan, curve.values[0])
             plots[0].plot(x, mean, marker=".", label=curve.controller, **style)
-            some = (fallen > 0.0) & (fallen <= 0.5)
-            plots[0].plot(x[some], mean[some], "o", mfc="white", mec=style["color"], ms=6)
+            few_fell = (fallen > 0.0) & (fallen <= 0.5)
+            plots[0].plot(x[few_fell], mean[some], "o", mfc="white", mec=style["color"], ms=6)
             most = x[fallen > 0.5]
             plots[0].plot(  # a row for each controller, below the upper edge
                 most, np.full(len(most), 0.97 - 0.035 * k), "x", color=style["color"],
