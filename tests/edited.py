@@ -1,4 +1,4 @@
-"""A copy of a recording with a planted change, whose digests are kept, made anew or left out."""
+"""A copy of a recording with a change, whose digests are kept, made anew or left out."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def test_one_changed_bit_is_found(recorded, tmp_path, topic):
     def edit(messages):
         [m for m in messages if m[0] == "/" + topic][70][2] = layout_of(sample).pack(sample)
 
-    run = RecordedRun(copied(recorded, tmp_path / "planted.mcap", edit, digests=NONE))
+    run = RecordedRun(copied(recorded, tmp_path / "changed.mcap", edit, digests=NONE))
     assert verdict_on(run).exit_code == DIVERGES
 
 
@@ -146,7 +146,7 @@ def test_another_path_in_the_parameters_is_found(recorded, tmp_path):
         assert one[2].count(number) == 1
         one[2] = one[2].replace(number, np.float64(0.021).tobytes())
 
-    run = RecordedRun(copied(recorded, tmp_path / "planted.mcap", edit, digests=NONE))
+    run = RecordedRun(copied(recorded, tmp_path / "changed.mcap", edit, digests=NONE))
     assert verdict_on(run).exit_code == DIVERGES
 
 

@@ -1,4 +1,4 @@
-"""A reference and a disturbance from tables, and random pulses: a planted value is found by verify."""
+"""A reference and a disturbance from tables, and random pulses: a changed value is found by verify."""
 
 from __future__ import annotations
 

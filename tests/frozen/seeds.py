@@ -15,7 +15,7 @@ from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.recording.reader import Recording
 
 from ..seeds import check
-from ..seeds.promises import Run
+from ..seeds.invariants import Run
 from ..seeds.story import Story, draw
 from .contents import digest_of
 from .runs import LOCKSTEP, Fingerprint, fingerprint, word_of

@@ -1,4 +1,4 @@
-"""Real nodes in a virtual world, seed by seed: whatever happens to a run, its promises hold.
+"""Real nodes in a virtual world, seed by seed: whatever happens to a run, the invariants hold.
 
     source scripts/env.sh && python scripts/check_seeds.py [COUNT] [--seed N] [--trace] [--compiled]
 
@@ -24,7 +24,7 @@ from trunk_experiments.runs import segments
 
 from . import nodes
 from .faults import Run
-from .promises import broken
+from .invariants import broken
 from .story import NS, Fault, Story, draw
 from .world import HungError, World
 
@@ -42,7 +42,7 @@ class Outcome(NamedTuple):
 
 
 def play(story: Story, folder: Path) -> Outcome:
-    """Let a story happen and return which promises it broke."""
+    """Let a story happen and return which invariants it broke."""
     world = nodes.new_world(story.seed)
     run = Run(story, world, folder)
     found: list[str] = []
@@ -91,7 +91,7 @@ def _until_over(run: Run, world: World) -> Iterator[str]:
 
 
 def shrink(story: Story, folder: Path) -> Story:
-    """Return the story with as few faults as break a promise."""
+    """Return the story with as few faults as break an invariant."""
     shorter = True
     while shorter:
         shorter = False
@@ -127,7 +127,7 @@ def main(
     compiled: bool,
     most: int,
 ) -> None:
-    """Play COUNT seeds; the exit code is 1 if one breaks a promise."""
+    """Play COUNT seeds; the exit code is 1 if one breaks an invariant."""
     if compiled:
         segments.worth_compiling = lambda *_: True  # type: ignore[assignment]
     folder = Path(tempfile.mkdtemp(prefix="seeds_", dir="/dev/shm"))

@@ -19,10 +19,10 @@ from pathlib import Path
 
 from trunk_experiments.replay.verify import VERIFIED
 
+from .accepted_edits import ACCEPTED, pattern_for
 from .bases import BASES, OFFLINE, make_base
 from .honest import graph_runs, offline_runs
 from .kit import DIGESTS, Outcome, outcomes
-from .let_pass import LET_PASS, pattern_for
 
 _PARTS = 8  # of each recording's edits, so that all cores have work
 _DURATION_S = {OFFLINE: 0.12, "lockstep": 0.3, "real_time": 0.3}
@@ -72,7 +72,7 @@ def check_edits(folder: Path) -> int:
             if fault:
                 wrong.append(f"{name} (digests {digests}): {fault}")
     wrong += [
-        f"nothing passes by this entry of the list: {p}" for p, _ in LET_PASS if p not in passed
+        f"nothing passes by this entry of the list: {p}" for p, _ in ACCEPTED if p not in passed
     ]
     print("\n".join(wrong))
     heads = ("edits", *(f"refused, {digests}" for digests in DIGESTS), "let pass")
@@ -83,7 +83,7 @@ def check_edits(folder: Path) -> int:
     refused = sum(total[f"refused, {digests}"] for digests in DIGESTS)
     print(
         f"{total['edits']} edits of {len(BASES)} recordings: {refused} refused, "
-        f"{total['let pass']} let pass and listed ({len(LET_PASS)} reasons), {len(wrong)} wrong"
+        f"{total['let pass']} let pass and listed ({len(ACCEPTED)} reasons), {len(wrong)} wrong"
     )
     return 1 if wrong else 0
 

@@ -12,10 +12,10 @@ from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.recording.reader import RecordingError
 
 from ..edited import ANEW, KEPT, NONE, Content, content, write
+from .accepted_edits import reason_for
 from .event_edits import event_edits
 from .file_edits import file_edits
 from .joint_edits import joint_edits
-from .let_pass import reason_for
 from .messages import Edit
 from .parameter_edits import parameter_edits
 

@@ -1,4 +1,4 @@
-"""`trunk verify` catches what is planted in a copy of a recording; `trunk diff` says where."""
+"""`trunk verify` catches what is changed in a copy of a recording; `trunk diff` says where."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_an_untouched_copy_is_verified_and_identical(whole, tmp_path):
     assert not found.provenance
 
 
-PLANTED = {
+CHANGES = {
     "one bit of one command": lambda m: flip_last_bit(of(m, COMMAND)[700]),
     "one bit of one measured state": lambda m: flip_last_bit(of(m, STATE)[300]),
     "one bit of one true state": lambda m: flip_last_bit(of(m, TRUTH)[300]),
@@ -102,16 +102,16 @@ PLANTED = {
 
 @pytest.mark.slow
 @pytest.mark.one_in(5)
-@pytest.mark.parametrize("edit", PLANTED.values(), ids=PLANTED.keys())
-def test_a_planted_change_diverges_by_recomputation_alone(whole, tmp_path, edit):
-    verdict = verify(copied(whole, tmp_path / "planted.mcap", edit, digests=NONE))
+@pytest.mark.parametrize("edit", CHANGES.values(), ids=CHANGES.keys())
+def test_a_change_diverges_by_recomputation_alone(whole, tmp_path, edit):
+    verdict = verify(copied(whole, tmp_path / "changed.mcap", edit, digests=NONE))
     assert verdict.exit_code == DIVERGES
     assert not verdict.altered
 
 
 @pytest.mark.slow
 def test_one_bit_of_one_command_is_found_at_its_step_one_ulp_apart(whole, tmp_path):
-    copy = copied(whole, tmp_path / "planted.mcap", PLANTED["one bit of one command"], digests=NONE)
+    copy = copied(whole, tmp_path / "changed.mcap", CHANGES["one bit of one command"], digests=NONE)
     commands = next(p for p in verify(copy).checks if p.name == "commands of fuzzy_pid")
     assert commands.wrong_steps == 1
     assert commands.first[0].stamp_ns == 700_000_000
@@ -127,7 +127,7 @@ def test_a_change_without_effect_on_any_bit_is_caught_by_the_digests(whole, tmp_
     unused = {"i_clamp_max": 1e9}
     copy = copied(
         whole,
-        tmp_path / "planted.mcap",
+        tmp_path / "changed.mcap",
         lambda m: change_parameter(m, "/fuzzy_pid", lambda v: v.update(unused)),
     )
     verdict = verify(copy)
@@ -148,7 +148,7 @@ def test_a_change_without_effect_on_any_bit_is_caught_by_the_digests(whole, tmp_
     ids=["dropped", "swapped", "doubled"],
 )
 def test_a_message_dropped_swapped_or_doubled_is_never_verified(whole, tmp_path, topic, edit, word):
-    copy = copied(whole, tmp_path / "planted.mcap", lambda m: edit(m, topic), digests=NONE)
+    copy = copied(whole, tmp_path / "changed.mcap", lambda m: edit(m, topic), digests=NONE)
     verdict = verify(copy)
     assert verdict.exit_code != VERIFIED
     assert any(topic[1:] in line and word in line for line in verdict.obstacles)

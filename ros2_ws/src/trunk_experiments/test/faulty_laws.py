@@ -60,7 +60,7 @@ HONEST = Law("honest", "Honest", Config, honest, Memory(), Terms, {"error": "rad
 FAULTS: dict[str, tuple[str, Law]] = {}
 
 
-def planted(check: str, **fields: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def mutant(check: str, **fields: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Register a law with this update, and the check that must find its fault."""
 
     def register(update: Callable[..., Any]) -> Callable[..., Any]:
@@ -92,36 +92,36 @@ class _Box:
 _box, _another_box = _Box(), _Box()
 
 
-@planted("source")
+@mutant("source")
 def counts_its_calls(memory, sample, constants, limits):
     global _calls  # noqa: PLW0603
     _calls += 1
     return honest(memory, sample, constants, limits)
 
 
-@planted("source")
+@mutant("source")
 def remembers_in_a_list(memory, sample, constants, limits):
     _seen.append(sample.measurement)
     return honest(memory, sample, constants, limits)
 
 
-@planted("source")
+@mutant("source")
 def remembers_in_itself(memory, sample, constants, limits):
     remembers_in_itself.last = sample.measurement
     return honest(memory, sample, constants, limits)
 
 
-@planted("source")
+@mutant("source")
 def remembers_in_a_default(memory, sample, constants, limits, seen=[]):  # noqa: B006
     return honest(memory, sample, constants, limits)
 
 
-@planted("source")
+@mutant("source")
 def reads_an_array(memory, sample, constants, limits):
     return honest(memory, sample._replace(reference=_offsets[0]), constants, limits)
 
 
-@planted("pure")
+@mutant("pure")
 def remembers_in_an_object(memory, sample, constants, limits):
     _box.value += sample.dt
     return honest(
@@ -129,7 +129,7 @@ def remembers_in_an_object(memory, sample, constants, limits):
     )
 
 
-@planted("reset")
+@mutant("reset")
 def survives_a_reset(memory, sample, constants, limits):
     _another_box.value += sample.dt
     return honest(
@@ -137,39 +137,39 @@ def survives_a_reset(memory, sample, constants, limits):
     )
 
 
-@planted("source")
+@mutant("source")
 def reads_the_clock(memory, sample, constants, limits):
     late = time.monotonic() < 0.0
     return honest(memory, sample, (0.0,) if late else constants, limits)
 
 
-@planted("source")
+@mutant("source")
 def draws_at_random(memory, sample, constants, limits):
     noise = 0.0 * random.random()
     return honest(memory, sample._replace(reference=sample.reference + noise), constants, limits)
 
 
-@planted("source")
+@mutant("source")
 def reads_the_environment(memory, sample, constants, limits):
     gain = float(os.getenv("GAIN", "40"))
     return honest(memory, sample, (gain,), limits)
 
 
-@planted("source")
+@mutant("source")
 def reads_a_file(memory, sample, constants, limits):
     with open(os.devnull) as file:  # noqa: PTH123
         file.read()
     return honest(memory, sample, constants, limits)
 
 
-@planted("source")
+@mutant("source")
 def prints(memory, sample, constants, limits):
     if sample.dt < 0.0:
         print(sample)
     return honest(memory, sample, constants, limits)
 
 
-@planted("portable")
+@mutant("portable")
 def takes_the_machines_sine(memory, sample, constants, limits):
     wanted = sample.reference - 0.0 * math.sin(
         sample.reference if usable(sample.reference, 0.0, 1.0) else 0.0
@@ -177,52 +177,52 @@ def takes_the_machines_sine(memory, sample, constants, limits):
     return honest(memory, sample._replace(reference=wanted), constants, limits)
 
 
-@planted("portable")
+@mutant("portable")
 def takes_numpys_exponential(memory, sample, constants, limits):
     return honest(memory, sample, (constants[0] * float(np.exp(0.0)),), limits)
 
 
-@planted("portable")
+@mutant("portable")
 def takes_a_power(memory, sample, constants, limits):
     return honest(memory, sample, (constants[0] ** 1.5,), limits)
 
 
-@planted("portable")
+@mutant("portable")
 def takes_a_square(memory, sample, constants, limits):
     return honest(memory, sample, (constants[0] ** 2,), limits)
 
 
-@planted("portable")
+@mutant("portable")
 def takes_a_cube(memory, sample, constants, limits):
     gain = constants[0]
     gain **= 3
     return honest(memory, sample, (gain,), limits)
 
 
-@planted("portable")
+@mutant("portable")
 def takes_a_power_of_a_constant(memory, sample, constants, limits):
     return honest(memory, sample, (constants[0] * 1.1**7,), limits)
 
 
-@planted("types")
+@mutant("types")
 def returns_other_terms(memory, sample, constants, limits):
     after, terms = honest(memory, sample, constants, limits)
     return after, tuple(terms)
 
 
-@planted("types")
+@mutant("types")
 def returns_an_integer(memory, sample, constants, limits):
     after, terms = honest(memory, sample, constants, limits)
     return after, terms._replace(error=0)
 
 
-@planted("finite")
+@mutant("finite")
 def divides_by_dt(memory, sample, constants, limits):
     rate = sample.measurement / sample.dt
     return honest(memory, sample._replace(rate=sample.rate + 0.0 * rate), constants, limits)
 
 
-@planted("finite")
+@mutant("finite")
 def is_nan_where_it_saturates(memory, sample, constants, limits):
     after, terms = honest(memory, sample, constants, limits)
     if terms.unsaturated != terms.effort:
@@ -230,14 +230,14 @@ def is_nan_where_it_saturates(memory, sample, constants, limits):
     return after, terms
 
 
-@planted("finite")
+@mutant("finite")
 def integrates_whatever_comes(memory, sample, constants, limits):
     after, terms = honest(memory, sample, constants, limits)
     error = sample.reference - sample.measurement
     return after._replace(integral=memory.integral + sample.dt * error), terms
 
 
-@planted("holds")
+@mutant("holds")
 def lets_go_where_it_should_hold(memory, sample, constants, limits):
     after, terms = honest(memory, sample, constants, limits)
     return (
@@ -245,7 +245,7 @@ def lets_go_where_it_should_hold(memory, sample, constants, limits):
     )
 
 
-@planted("limits")
+@mutant("limits")
 def ignores_the_limits(memory, sample, constants, limits):
     after, terms = honest(memory, sample, constants, limits)
     if terms.held:
@@ -253,13 +253,13 @@ def ignores_the_limits(memory, sample, constants, limits):
     return after._replace(effort=terms.unsaturated), terms._replace(effort=terms.unsaturated)
 
 
-@planted("limits")
+@mutant("limits")
 def forgets_its_command(memory, sample, constants, limits):
     after, terms = honest(memory, sample, constants, limits)
     return (after, terms) if terms.held else (after._replace(effort=0.5 * terms.effort), terms)
 
 
-@planted("transfer")
+@mutant("transfer")
 def jumps_at_a_takeover(memory, sample, constants, limits):
     wide = limits._replace(u_min=-30.0, u_max=30.0)  # its own, not those given
     return honest(memory, sample, constants, wide)
@@ -269,7 +269,7 @@ def _from_nothing(memory: Memory, sample: Sample, before: Any, after: Any) -> Me
     return memory if before == after else Memory(-10.0, 0.0)
 
 
-@planted("reconfigure", reconfigure=_from_nothing)
+@mutant("reconfigure", reconfigure=_from_nothing)
 def jumps_at_new_parameters(memory, sample, constants, limits):
     return honest(memory, sample, constants, limits)
 
@@ -278,17 +278,17 @@ def _forgets(memory: Memory, sample: Sample, before: Any, after: Any) -> Memory:
     return Memory()
 
 
-@planted("reconfigure", reconfigure=_forgets)
+@mutant("reconfigure", reconfigure=_forgets)
 def forgets_at_new_parameters(memory, sample, constants, limits):
     return honest(memory, sample, constants, limits)
 
 
-@planted("time")
+@mutant("time")
 def adds_up_by_samples(memory, sample, constants, limits):
     return honest(memory, sample._replace(dt=0.005 if sample.dt > 0.0 else 0.0), constants, limits)
 
 
-@planted("quick")
+@mutant("quick")
 def takes_its_time(memory, sample, constants, limits):
     total = 0.0
     for k in range(20_000):
@@ -305,7 +305,7 @@ class Unbounded(ControllerConfig):
     constants = property(lambda self: (self.gain,))
 
 
-@planted("declared", config=Unbounded)
+@mutant("declared", config=Unbounded)
 def has_no_bounds(memory, sample, constants, limits):
     return honest(memory, sample, constants, limits)
 
@@ -319,7 +319,7 @@ class Hiding(NamedTuple):
     held: bool
 
 
-@planted("names", terms=Hiding, units={})
+@mutant("names", terms=Hiding, units={})
 def hides_the_reference(memory, sample, constants, limits):
     after, terms = honest(memory, sample, constants, limits)
     return after, Hiding(*terms)

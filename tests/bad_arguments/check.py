@@ -1,6 +1,6 @@
-"""Every verb with every careless argument: an error or a warning in one line, and nothing lost on disk.
+"""Every verb with every bad argument: an error or a warning in one line, and nothing lost on disk.
 
-    python -m tests.careless.check [--every N] [VERB...]
+    python -m tests.bad_arguments.check [--every N] [VERB...]
 
 ``--every N``: only every Nth case, for CI. Each case runs in a process forked from this one, which has
 imported the verbs already.
@@ -133,7 +133,7 @@ def main() -> int:
     verbs = [verb for verb in VERBS if not words or verb.name in words]
     counts: Counter[str] = Counter()
     here = Path.cwd()
-    with tempfile.TemporaryDirectory(prefix="trunk-careless-") as place:
+    with tempfile.TemporaryDirectory(prefix="trunk-bad-arguments-") as place:
         folder = Path(place) / "folder"
         folder.mkdir()
         furnish(folder)

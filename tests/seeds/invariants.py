@@ -1,4 +1,4 @@
-"""What holds after every run, whatever was done to it; each broken promise is a line."""
+"""What holds after every run, whatever was done to it; each broken invariant is a line."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Run(Protocol):
 
 
 def broken(run: Run) -> Iterator[str]:
-    """Yield the promises that a run, which is over, has broken."""
+    """The invariants that a run, which is over, has broken."""
     yield from _processes(run)
     recorders = run.processes["recorder"]
     if not run.path.exists():

@@ -1,4 +1,4 @@
-"""Schedules of the virtual world, repeated with real processes over DDS: the same promises hold."""
+"""Schedules of the virtual world, repeated with real processes over DDS: the same invariants hold."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from ..seeds.promises import broken
+from ..seeds.invariants import broken
 from ..seeds.story import Story, draw
 from .peer import Peer
 from .processes import Children
-from .told_story import ToldStory, can_be_forced
+from .scenario import Scenario, can_be_forced
 
 pytestmark = pytest.mark.graph
 
@@ -31,12 +31,14 @@ def sample() -> list[Story]:
         for i, story in enumerate(sample())
     ],
 )
-def test_the_promises_hold_with_real_processes(
+def test_the_invariants_hold_with_real_processes(
     story: Story, children: Children, peer: Peer, tmp_path: Path
 ) -> None:
-    told = ToldStory(story, children, peer, tmp_path)
-    told.tell()
-    found = list(broken(told))
-    said = "\n".join(f"{name}: {one.log}" for name, some in told.processes.items() for one in some)
-    faults = "\n".join(fault.describe() for fault in told.story.faults)
-    assert not found, f"{told.story}\n{faults}\n{said}"
+    scenario = Scenario(story, children, peer, tmp_path)
+    scenario.play()
+    found = list(broken(scenario))
+    said = "\n".join(
+        f"{name}: {one.log}" for name, some in scenario.processes.items() for one in some
+    )
+    faults = "\n".join(fault.describe() for fault in scenario.story.faults)
+    assert not found, f"{scenario.story}\n{faults}\n{said}"

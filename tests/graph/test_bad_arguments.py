@@ -1,4 +1,4 @@
-"""Some twenty of a careless user's arguments; scripts/check_careless.sh tries them all with every verb."""
+"""Some twenty bad arguments; scripts/check_bad_arguments.sh tries them all with every verb."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import pytest
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 
-def test_careless_arguments_lose_nothing_and_get_one_line() -> None:
-    command = [sys.executable, "-m", "tests.careless.check", "--every", "397"]
+def test_bad_arguments_lose_nothing_and_get_one_line() -> None:
+    command = [sys.executable, "-m", "tests.bad_arguments.check", "--every", "397"]
     run = subprocess.run(
         command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False
     )

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from trunk_msgs_util.node.conversions import stamp_from_ros
 
-from ..seeds.promises import harmless
+from ..seeds.invariants import harmless
 from ..seeds.story import CONTROLLERS, NS, Fault, Request, Story, requests
 from .peer import Peer
 from .processes import Child, Children
@@ -36,7 +36,7 @@ def can_be_forced(story: Story) -> bool:
 
 @dataclass
 class Process:
-    """A node's process, as the promises know it."""
+    """A node's process, as the invariants know it."""
 
     child: Child
 
@@ -54,7 +54,7 @@ class Process:
         return self.child.stderr.splitlines()
 
 
-class ToldStory:
+class Scenario:
     """The processes of a story, and what is still to happen to them."""
 
     complaints = ""  # all that is said goes to the logs
@@ -79,7 +79,7 @@ class ToldStory:
             for service, kind, _ in requests(fault)
         }
 
-    def tell(self) -> None:
+    def play(self) -> None:
         """Play it, then stop all that is left: the recorder last, as ``trunk run`` does."""
         wait_s = {f.node: f.value for f in self.story.faults if f.kind == "late"}
         # A process stalled from outside stays so until this one gets its turn.

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Bugs planted one by one are found by the virtual world: see tests/seeds/planted.py."""
+"""Mutants of the nodes, one by one, are found by the virtual world: see tests/seeds/mutants.py."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from tests.seeds.planted import main
+from tests.seeds.mutants import main
 
 main()

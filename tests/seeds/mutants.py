@@ -1,6 +1,6 @@
-"""Bugs to be found: each is one edit of the sources, tried in a copy of them.
+"""Mutants of the nodes: each is one edit of the sources, tried in a copy of them.
 
-source scripts/env.sh && python scripts/check_planted.py [COUNT] [--only NAME]
+source scripts/env.sh && python scripts/check_seed_mutants.py [COUNT] [--only NAME]
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 _SOURCES = _ROOT / "ros2_ws" / "src"
 
 
-class Bug(NamedTuple):
+class Mutant(NamedTuple):
     """An edit: ``old`` becomes ``new``, once, in a file of a package."""
 
     name: str
@@ -31,80 +31,84 @@ class Bug(NamedTuple):
 _NODE = "trunk_msgs_util/trunk_msgs_util/node/"
 _SIM = "trunk_sim/trunk_sim/"
 _CONTROL = "trunk_control/trunk_control/"
-BUGS = (
-    Bug("no word of the end", _SIM + "plant_node.py",
+MUTANTS = (
+    Mutant("no word of the end", _SIM + "plant_node.py",
         'self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")', "pass"),
-    Bug("every seventh message is not kept", _NODE + "replayable.py",
+    Mutant("every seventh message is not kept", _NODE + "replayable.py",
         "self._publish_kept(data)", "self.count % 7 == 6 or self._publish_kept(data)"),
-    Bug("a missed count", _NODE + "replayable.py", "self.count += 1", "self.count += self.count != 3"),
-    Bug("commands of an inactive controller", _CONTROL + "controller_node.py",
+    Mutant("a missed count", _NODE + "replayable.py", "self.count += 1", "self.count += self.count != 3"),
+    Mutant("commands of an inactive controller", _CONTROL + "controller_node.py",
         "        if not output.active:\n            return\n", ""),
-    Bug("parameters change without a word", _NODE + "base.py",
+    Mutant("parameters change without a word", _NODE + "base.py",
         "self._say_parameters(self.run_stamp_ns, changed)", "pass"),
-    Bug("nobody waits for the recorder at the end", _NODE + "replayable.py",
+    Mutant("nobody waits for the recorder at the end", _NODE + "replayable.py",
         "    patience = middleware.patience()\n", "    return\n    patience = middleware.patience()\n"),
-    Bug("an unflushed file", _NODE + "run_file.py",
+    Mutant("an unflushed file", _NODE + "run_file.py",
         "self._writer.finish(complete=complete, reason=reason, sync=self._syncs)", "None"),
-    Bug("nobody says how much there was", _NODE + "base.py",
+    Mutant("nobody says how much there was", _NODE + "base.py",
         "            self.event(Event.PUBLISHED, DiagnosticStatus.OK, **counts)\n", "            pass\n"),
-    Bug("a step without its disturbance", _SIM + "lockstep.py",
+    Mutant("a step without its disturbance", _SIM + "lockstep.py",
         "topics.DISTURBANCE: -period,", "topics.DISTURBANCE: 0,"),
-    Bug("nobody needs to be met", _SIM + "participants.py",
+    Mutant("nobody needs to be met", _SIM + "participants.py",
         "return bool(ready) and not (here and here <= listening)", "return False"),
-    Bug("a lost unlock", _SIM + "lockstep.py",
+    Mutant("a lost unlock", _SIM + "lockstep.py",
         "            self._answered[topic] = stamp_ns\n            self._advance(now_ns)",
         "            self._answered[topic] = stamp_ns - (stamp_ns == 3 * self._loop.period_ns)\n"
         "            self._advance(now_ns)"),
-    Bug("an answer during a pause is lost", _SIM + "lockstep.py",
+    Mutant("an answer during a pause is lost", _SIM + "lockstep.py",
         "        self._unstamped = self._unstamped + 1",
         "        if self.paused:\n            return\n        self._unstamped = self._unstamped + 1"),
-    Bug("doubled disturbances", _NODE + "ahead_node.py",
+    Mutant("doubled disturbances", _NODE + "ahead_node.py",
         "            self._publish(next_ns)\n",
         "            self._publish(next_ns)\n            self._publish(next_ns)\n"),
-    Bug("the first disturbance is missing", _NODE + "ahead_node.py",
+    Mutant("the first disturbance is missing", _NODE + "ahead_node.py",
         "        if self._sent_ns < stamp_ns:\n            self._publish(stamp_ns)\n", ""),
-    Bug("a reset of the plant is not told", _SIM + "simulator_node.py",
+    Mutant("a reset of the plant is not told", _SIM + "simulator_node.py",
         "        self.event(Event.RESET)\n", ""),
-    Bug("a reset of the controller is not told", _CONTROL + "controller_node.py",
+    Mutant("a reset of the controller is not told", _CONTROL + "controller_node.py",
         "        self.event(Event.RESET)\n", ""),
-    Bug("a swapped order", _NODE + "executor.py",
+    Mutant("a swapped order", _NODE + "executor.py",
         "                message = handle.take_message(subscription.msg_type, subscription.raw)\n",
         "                message = handle.take_message(subscription.msg_type, subscription.raw)\n"
         "                later = message and handle.take_message(subscription.msg_type, subscription.raw)\n"
         "                if later:\n"
         "                    callback(*later) if with_info else callback(later[0])\n"),
-    Bug("what is recorded is not kept for a late recorder", _NODE + "qos.py",
+    Mutant("what is recorded is not kept for a late recorder", _NODE + "qos.py",
         "durability=DurabilityPolicy.TRANSIENT_LOCAL", "durability=DurabilityPolicy.VOLATILE"),
-    Bug("a full disk goes unnoticed", _NODE + "run_file.py",
+    Mutant("a full disk goes unnoticed", _NODE + "run_file.py",
         'self._failed(f"{self.path}: cannot write: {error.strerror}; the recording ends here")', "pass"),
-    Bug("what acted in the last state is not told", _SIM + "plant_node.py",
+    Mutant("what acted in the last state is not told", _SIM + "plant_node.py",
         "        self._publish_last_inputs()\n        fell", "        fell"),
-    Bug("an old command's sender is forgotten", _SIM + "pacing.py",
+    Mutant("an old command's sender is forgotten", _SIM + "pacing.py",
         "Command(stamp_ns, effort, source)",
         'Command(stamp_ns, effort, source if stamp_ns == self._loop.stamp_ns else "")'),
-    Bug("what acted need not be on record", _NODE + "completeness.py",
+    Mutant("what acted need not be on record", _NODE + "completeness.py",
         "missing = list(self._acted.missing())", "missing: list[str] = []"),
-    Bug("stopped without a last word", _NODE + "run.py",
+    Mutant("stopped without a last word", _NODE + "run.py",
         "        node.end()\n", "        pass\n"),
 )  # fmt: skip
 
 
-def copy_with(bug: Bug, folder: Path) -> None:
-    """Copy the packages' modules and plant a bug. Raises ValueError if the sources have changed."""
+def mutated(mutant: Mutant) -> str:
+    """Return the text of a mutant's file. Raises ValueError if the sources have changed."""
+    text = (_SOURCES / mutant.file).read_text("utf-8")
+    if mutant.old not in text:
+        raise ValueError(f"{mutant.file} has no {mutant.old!r}: mend the mutant {mutant.name!r}")
+    return text.replace(mutant.old, mutant.new, 1)
+
+
+def copy_with(mutant: Mutant, folder: Path) -> None:
+    """Copy the packages' modules and apply a mutant."""
     for package in _SOURCES.iterdir():
         if (package / package.name).is_dir():
             shutil.copytree(package / package.name, folder / package.name)
-    path = folder.joinpath(*Path(bug.file).parts[1:])
-    text = path.read_text("utf-8")
-    if bug.old not in text:
-        raise ValueError(f"{bug.file} has no {bug.old!r}: mend the bug {bug.name!r}")
-    path.write_text(text.replace(bug.old, bug.new, 1), "utf-8")
+    folder.joinpath(*Path(mutant.file).parts[1:]).write_text(mutated(mutant), "utf-8")
 
 
-def found_after(bug: Bug, count: int) -> tuple[int | None, str]:
-    """Return after how many seeds a bug was found, None if it was not, and what was said of it."""
-    with tempfile.TemporaryDirectory(prefix="planted_") as name:
-        copy_with(bug, Path(name))
+def found_after(mutant: Mutant, count: int) -> tuple[int | None, str]:
+    """Return after how many seeds a mutant was found, None if it was not, and what was said of it."""
+    with tempfile.TemporaryDirectory(prefix="mutant_") as name:
+        copy_with(mutant, Path(name))
         path = os.pathsep.join([name, os.environ.get("PYTHONPATH", "")])
         words = [sys.executable, str(_ROOT / "scripts" / "check_seeds.py"), str(count)]
         done = subprocess.run(
@@ -122,17 +126,17 @@ def found_after(bug: Bug, count: int) -> tuple[int | None, str]:
 
 @click.command()
 @click.argument("count", type=int, default=2000)
-@click.option("--only", default="", help="Bugs whose names have this in them.")
+@click.option("--only", default="", help="Mutants whose names have this in them.")
 def main(count: int, only: str) -> None:
-    """Plant each bug and play up to COUNT seeds; the exit code is 1 if more than one is not found."""
+    """Apply each mutant and play up to COUNT seeds; the exit code is 1 if more than one is not found."""
     missed = 0
-    for bug in BUGS:
-        if only not in bug.name:
+    for mutant in MUTANTS:
+        if only not in mutant.name:
             continue
-        seeds, said = found_after(bug, count)
+        seeds, said = found_after(mutant, count)
         missed += seeds is None
         print(
-            f"{bug.name}: {'NOT FOUND' if seeds is None else f'seed {seeds - 1}'}: {said[:120]}",
+            f"{mutant.name}: {'NOT FOUND' if seeds is None else f'seed {seeds - 1}'}: {said[:120]}",
             flush=True,
         )
     raise SystemExit(missed > 1)

@@ -18,7 +18,7 @@ _STILL = (
     r"|(fuzzy_pid|pid) (configured|ready|published|paused|resumed|started|stopped|finished|passed on))"
 )
 
-LET_PASS: tuple[tuple[str, str], ...] = (
+ACCEPTED: tuple[tuple[str, str], ...] = (
     (rf"{_ANY}: origin: .*", "origin: it follows from nothing else; digests alone cover it"),
     (
         rf"{_ANY}: (header|channels|schemas|metadata|frame|bytes|end|topics): .*",
@@ -206,9 +206,9 @@ LET_PASS: tuple[tuple[str, str], ...] = (
 
 def pattern_for(name: str) -> str:
     """Return the pattern that lists an edit; empty if none does."""
-    return next((pattern for pattern, _ in LET_PASS if re.fullmatch(pattern, name)), "")
+    return next((pattern for pattern, _ in ACCEPTED if re.fullmatch(pattern, name)), "")
 
 
 def reason_for(name: str) -> str:
     """Return why an edit may pass; empty if it must not."""
-    return next((reason for pattern, reason in LET_PASS if re.fullmatch(pattern, name)), "")
+    return next((reason for pattern, reason in ACCEPTED if re.fullmatch(pattern, name)), "")
