@@ -82,8 +82,10 @@ else
     settle
     # Some wait, for a browser or a process of their own: one test more at once than there are cores.
     stage 'pytest: in one process' "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8
-    # Processes wait for each other more than they work: two tests at once for each core.
-    stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m "graph$some" --durations=8 tests
+    # Processes wait for each other more than they work: two tests at once for each core. Each worker loads
+    # the files that it collects.
+    mapfile -t files < <(grep -rlE 'mark\.graph' tests --include='test_*.py')
+    stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m "graph$some" --durations=8 "${files[@]}"
 fi
 
 printf '\nprocessor time:\n'

@@ -5,15 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from trunk_experiments.cli import main, trunk
 from trunk_experiments.errors import RunError
 from trunk_experiments.runs.graph import _own_recording
 from trunk_experiments.runs.processes import NodeProcess
@@ -24,6 +21,7 @@ from trunk_msgs_util.source import process_id
 from ..graph.peer import Peer
 from ..graph.processes import Child, Children, until
 from ..graph.recordings import finished_file, states_in
+from ..graph.verbs import said as told
 from .disks import Disk, mounted
 
 FULL = "No space left on device"
@@ -96,6 +94,7 @@ def test_folder_below_a_file(children: Children, tmp_path: Path) -> None:
 
 
 @pytest.mark.graph
+@pytest.mark.long  # noticed as a truncated file is
 def test_folder_is_deleted_during_a_run(children: Children, peer: Peer, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     run = start(children, peer, folder)
@@ -163,8 +162,7 @@ def test_another_file_in_place_of_the_recording_is_noticed(recorded: Path, tmp_p
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recorded") / "run.mcap"
-    done = CliRunner().invoke(trunk, ["simulate", "demo", "--duration", "1", "-o", str(path)])
-    assert done.exit_code == 0, done.output
+    told("simulate", "demo", "--duration", 1, "-o", path)
     return path
 
 
@@ -190,19 +188,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 )
 @pytest.mark.slow
 def test_full_disk_leaves_no_partial_result(
-    disk: Disk,
-    recorded: Path,
-    verb: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    disk: Disk, recorded: Path, verb: str, trunk: Callable[..., tuple[int, str, str]]
 ) -> None:
     disk.fill()
     words = [word.format(disk=disk.folder, run=recorded) for word in verb.split()]
-    monkeypatch.setattr(sys, "argv", ["trunk", *words])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    said = capsys.readouterr().err
-    assert stop.value.code == 2, said
+    code, _, said = trunk(*words)
+    assert code == 2, said
     assert FULL in said.splitlines()[-1], said
     assert f"{disk.folder}/out" in said.splitlines()[-1]
     left = {path.name for path in disk.folder.iterdir()} - {"filler", "out.parquet.blocks"}

@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from trunk_experiments.plans.nodes import NODES as KINDS
+from trunk_experiments.runs.processes import find_executable
+
 from ..graph.processes import Child, Children, until
 
 pytestmark = pytest.mark.graph
@@ -34,7 +37,7 @@ def has_loaded(child: Child, library: str) -> bool:
 @pytest.mark.parametrize("library", ["", "_rclpy_pybind11"], ids=["begun", "importing rclpy"])
 def test_node_ends_silently(children: Children, tmp_path: Path, library: str, number: int) -> None:
     for name in NODES:
-        child = children.node(name)
+        child = children.start(name, find_executable(KINDS[name].package, name))
         if library:
             until(lambda child=child: has_loaded(child, library), "it imports rclpy", 0.001)
         else:
@@ -62,7 +65,8 @@ def test_trunk_says_one_line(
     instant: Callable[[Child], bool] | None,
     number: signal.Signals,
 ) -> None:
-    child = children.trunk("simulate", "demo", "--duration", 3600, "-o", "out.mcap")
+    trunk = find_executable("trunk_experiments", "trunk")
+    child = children.start("trunk", trunk, "simulate", "demo", "--duration", 3600, "-o", "out.mcap")
     until(lambda: instant(child) if instant else has_begun(children, child), "the instant", 0.001)
     assert child.stop(number) == 128 + number
     assert (child.stdout, child.stderr) == ("", "interrupted\n")

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from ..failed import FAILED
+from . import forked
 from .peer import Peer
 from .processes import Children
 
@@ -61,6 +62,7 @@ def domains() -> Iterator[Domains]:
     chosen = Domains()
     yield chosen
     chosen.close()
+    forked.end()
 
 
 @pytest.fixture(autouse=True)

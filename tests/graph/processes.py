@@ -18,6 +18,8 @@ from typing import Any
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.runs.processes import find_executable
 
+from .forked import Forked
+
 # A process that was asked to end, directly or by its parent, may take this long on the busiest machine.
 _LEFT_S = 600.0
 _TOKEN = "TRUNK_TEST_TOKEN"
@@ -41,7 +43,7 @@ class Child:
     """A process that a test started; what it says goes to files, so that it never blocks."""
 
     name: str
-    process: subprocess.Popen[bytes]
+    process: subprocess.Popen[bytes] | Forked
     folder: Path
 
     @property
@@ -59,6 +61,7 @@ class Child:
     def wait(self) -> int:
         """Return the exit code, once the process has ended."""
         until(lambda: self.process.poll() is not None, f"{self.name} ends\n{self.stderr}", 0.002)
+        assert self.process.returncode is not None
         return self.process.returncode
 
     def stop(self, number: int = signal.SIGINT) -> int:
@@ -99,11 +102,20 @@ class Children:
             rule = ":=" in argument and not argument.startswith("__")
             arguments += ["-p", argument] if rule else [argument]
         given = ["--ros-args", *arguments] if arguments else []
-        return self.start(name or executable, path, *given)
+        return self.fork(name or executable, path, *given)
 
     def trunk(self, *arguments: object, name: str = "trunk") -> Child:
         """Start the ``trunk`` command."""
-        return self.start(name, find_executable("trunk_experiments", "trunk"), *arguments)
+        return self.fork(name, find_executable("trunk_experiments", "trunk"), *arguments)
+
+    def fork(self, name: str, *command: object) -> Child:
+        """Start one of our executables without loading it anew, but for one that goes through a command."""
+        if self._through:
+            return self.start(name, *command)
+        words = [str(word) for word in command]
+        process = Forked(words, {**os.environ, **self.environment}, self.folder, name)
+        self._started.append(Child(name, process, self.folder))
+        return self._started[-1]
 
     def python(self, code: str, *arguments: object, name: str = "python") -> Child:
         """Start a script, given as text."""
@@ -112,7 +124,8 @@ class Children:
     def pids(self) -> dict[int, str]:
         """Return pid and command line of every live process that began here."""
         ((key, value),) = self.environment.items()
-        found = {}
+        forked = (child.process for child in self._started if isinstance(child.process, Forked))
+        found = {one.pid: " ".join(one.args) for one in forked if one.poll() is None}
         for entry in Path("/proc").iterdir():
             with suppress(OSError):
                 if entry.name.isdigit() and f"{key}={value}".encode() in (

@@ -167,7 +167,7 @@ NOT_USED = {  # arguments: what the line says, after "error: "
 
 @pytest.mark.parametrize("arguments", NOT_USED, ids=" ".join)
 def test_an_argument_that_nothing_uses(children: Children, arguments: tuple[str, ...]) -> None:
-    node = children.start("pid", find_executable("trunk_control", "pid"), *arguments)
+    node = children.fork("pid", find_executable("trunk_control", "pid"), *arguments)
     assert node.wait() == 2
     assert node.stderr.splitlines()[-1] == f"pid: error: {NOT_USED[arguments]}"
 
@@ -187,8 +187,8 @@ def test_every_executable_refuses_what_it_does_not_use_and_has_help(
     children: Children, package: str
 ) -> None:
     path = find_executable(*package.split())
-    wrong = children.start(package.split()[1], path, "-p", "nothing:=1")
-    shown = children.start("help", path, "--help")
+    wrong = children.fork(package.split()[1], path, "-p", "nothing:=1")
+    shown = children.fork("help", path, "--help")
     assert "arguments for ROS 2 follow --ros-args" in refusal(wrong)
     assert (shown.wait(), shown.stderr) == (0, "")
     assert shown.stdout.startswith(f"usage: {package.split()[1]} --ros-args [-p NAME:=VALUE]")

@@ -27,7 +27,7 @@ LOCKSTEP = "lockstep.enabled:=true"
 @pytest.fixture
 def gains_node(children: Children, peer: Peer) -> Child:
     """The node, once it is there for the simulator to find."""
-    node = children.start("gains", find_executable("trunk_control", "fuzzy_gains"))
+    node = children.fork("gains", find_executable("trunk_control", "fuzzy_gains"))
     peer.until(lambda: peer.node.count_publishers("fuzzy_gains/gains"), "the node is up")
     return node
 

@@ -23,7 +23,9 @@ def document(child: Child, name: str) -> dict[str, Any]:
 def test_a_run_in_real_time_says_how_many_steps_were_late(
     children: Children, tmp_path: Path
 ) -> None:
-    run = children.trunk("run", "demo", "--duration", 1, "--output", tmp_path / "a", "--json")
+    run = children.trunk(
+        "run", "demo", "--composed", "--duration", 1, "-o", tmp_path / "a", "--json"
+    )
     assert run.wait() == 0, run.stderr
     found = document(run, "run-1")
     assert found["failure"] is None
@@ -43,7 +45,9 @@ def test_time_is_exact_in_lockstep(children: Children, tmp_path: Path) -> None:
 def test_a_stopped_run_still_gives_its_document(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
-    run = children.trunk("run", "demo", "--duration", 3600, "--output", tmp_path / "a", "--json")
+    run = children.trunk(
+        "run", "demo", "--composed", "--duration", 3600, "-o", tmp_path / "a", "--json"
+    )
     peer.until_started(run)
     run.send(signal.SIGINT)
     assert run.wait() == 1, run.stderr

@@ -86,12 +86,13 @@ def test_same_bits_on_a_custom_hip_path(children: Children, tmp_path: Path) -> N
             "--set",
             f"{prefix}sines=[0.0, 2cm]",
         ]
-    offline, processes = tmp_path / "offline.mcap", tmp_path / "processes" / "run.mcap"
+    offline, composed = tmp_path / "offline.mcap", tmp_path / "composed" / "run.mcap"
     said("simulate", *options, "-o", offline)
-    succeed(children.trunk("run", *options, "--lockstep", "--output", processes.parent))
+    run = ("run", *options, "--lockstep", "--composed", "--output", composed.parent)
+    succeed(children.trunk(*run))
     children.none_left()
-    assert "identical" in said("diff", offline, processes)
-    verified(processes)
+    assert "identical" in said("diff", offline, composed)
+    verified(composed)
 
 
 def test_incommensurate_rate_is_refused_by_the_run(children: Children, tmp_path: Path) -> None:
@@ -150,14 +151,15 @@ def test_nodes_follow_csv_files_and_random_pulses_as_the_offline_run_does(
     for name, text in CSV.items():
         (tmp_path / name).write_text(text)
     options = ("demo", "--controller", "pid", "--duration", 0.5, *FROM_CSV)
-    offline, processes = tmp_path / "offline.mcap", tmp_path / "processes/run.mcap"
+    offline, composed = tmp_path / "offline.mcap", tmp_path / "composed/run.mcap"
     succeed(children.trunk("simulate", *options, "-o", offline))
-    succeed(children.trunk("run", *options, "--lockstep", "--output", processes.parent))
+    run = ("run", *options, "--lockstep", "--composed", "--output", composed.parent)
+    succeed(children.trunk(*run))
     children.none_left()
-    assert "identical: " in said("diff", offline, processes)
-    assert re.search("disturbances .* 102 +verified", verified(processes))
+    assert "identical: " in said("diff", offline, composed)
+    assert re.search("disturbances .* 102 +verified", verified(composed))
     table = tmp_path / "run.csv"
-    said("export", processes, "--csv", table)
+    said("export", composed, "--csv", table)
     with table.open(newline="") as file:
         references = {row["reference"] for row in csv.DictReader(file)}
     assert len(references) > 50

@@ -31,7 +31,7 @@ def start(children: Children, namespace: str) -> dict[str, Child]:
     started = {}
     for line in plan.splitlines():
         _, _, package, executable, *arguments = shlex.split(line)
-        started[executable] = children.start(
+        started[executable] = children.fork(
             f"{executable}_{place}", find_executable(package, executable), *arguments
         )
     return started

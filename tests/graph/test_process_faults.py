@@ -8,12 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
 
 from .peer import Peer
 from .processes import Child, Children, until
-from .recordings import finished_file, joints
+from .recordings import finished_file
 
 pytestmark = pytest.mark.graph
 
@@ -53,28 +52,12 @@ def incomplete(file: Path) -> dict[str, str]:
     return recording.end
 
 
+@pytest.mark.long  # the virtual world has it, too
 def test_controller_hangs_in_lockstep(children: Children, peer: Peer, file: Path) -> None:
     run = start(children, peer, "--lockstep", "--speed", 1, "--set", "simulator.lockstep.timeout=3")
     os.kill(children.pid_of("fuzzy_pid"), signal.SIGSTOP)
     fails_with(children, run, "simulator", "no answer", "effort_command", "lockstep.timeout = 3 s")
     assert "no answer" in incomplete(file)["reason"]
-
-
-def test_recorder_is_killed(children: Children, peer: Peer, file: Path) -> None:
-    """What was written before is in the file, which is written every half second or so."""
-    run = start(children, peer)
-
-    def written() -> int:
-        return len(joints(Recording.open(file), topics.GROUND_TRUTH))
-
-    peer.until(lambda: written() > 200, "states are in the file")
-    before = written()
-    os.kill(children.pid_of("recorder"), signal.SIGKILL)
-    fails_with(children, run, "recorder was ended by SIGKILL")
-    recording = Recording.open(file)
-    assert not recording.complete
-    assert any("without a footer" in warning for warning in recording.warnings)
-    assert len(joints(recording, topics.GROUND_TRUTH)) >= before
 
 
 @pytest.mark.parametrize("when", [pytest.param("before", marks=pytest.mark.long), "during"])

@@ -6,14 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
 
 from trunk_experiments.cli import main
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.schemas import parameter_event
-from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+
+from .rewritten import rewritten
 
 
 @pytest.fixture(scope="session")
@@ -42,22 +42,15 @@ WORDS = (SCRIPT, CLOSE, QUOTES)
 
 def write_hostile(source, path):
     """Copy a run in which every free text tries to break out of a page's text."""
-    with source.open("rb") as file, RecordingWriter(path) as writer:
-        writer.add_metadata(PROVENANCE, {"scenario": SCRIPT, QUOTES: CLOSE, "mode": QUOTES})
-        channels = {}
-        for schema, channel, message in make_reader(file).iter_messages():
-            if channel.topic not in channels:
-                channels[channel.topic] = writer.channel(channel.topic, schema.name)
-            writer.write(
-                channels[channel.topic], message.log_time, message.publish_time, message.data
-            )
-        parameters = channels["/" + topics.RUN_PARAMETERS]
+
+    def more(writer, channels):
         data = parameter_event(0, f"/{CLOSE}", {SCRIPT: QUOTES, QUOTES: CLOSE}, {})
-        writer.write(parameters, 0, 0, data)
         evil = writer.channel(f"/{SCRIPT}", topics.PARAMETER_EVENT_TYPE)
-        writer.write(evil, 0, 0, data)
-        writer.finish(complete=False, reason=CLOSE)
-    return path
+        for channel in (channels[topics.RUN_PARAMETERS], evil):
+            writer.write(channel, 0, 0, data)
+
+    told = {"scenario": SCRIPT, QUOTES: CLOSE, "mode": QUOTES}
+    return rewritten(source, path, provenance=told, more=more, complete=False, reason=CLOSE)
 
 
 @pytest.fixture

@@ -16,30 +16,12 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
 from mcap.writer import Writer
 
-from trunk_experiments.cli import main
 from trunk_msgs_util.recording.chunk import MAX_CHUNK
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
 TRUTH = "/ground_truth/joint_states"
 GIB = 1 << 30
-
-
-@pytest.fixture
-def trunk(monkeypatch, capsys):
-    """Run the command in this process; return exit code, stdout and stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["trunk", *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        said = capsys.readouterr()
-        return code, said.out, said.err
-
-    return run
 
 
 @pytest.fixture(scope="module")

@@ -47,23 +47,16 @@ TYPOS = [
 
 
 @pytest.mark.parametrize(("words", "hint"), TYPOS, ids=lambda one: str(one)[:40])
-def test_a_typo_gets_a_suggestion(words, hint, tmp_path, monkeypatch, capsys):
+def test_a_typo_gets_a_suggestion(words, hint, tmp_path, monkeypatch, trunk):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["trunk", *words])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 2
-    assert re.search(
-        rf"{re.escape(hint)}( \(see trunk [a-z ]+ --help\))?$", capsys.readouterr().err.strip()
-    )
+    code, _, err = trunk(*words)
+    assert code == 2
+    assert re.search(rf"{re.escape(hint)}( \(see trunk [a-z ]+ --help\))?$", err.strip())
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_version(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["trunk", "--version"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert (stop.value.code, capsys.readouterr().out) == (0, "trunk 0.1.0\n")
+def test_the_version(trunk):
+    assert trunk("--version") == (0, "trunk 0.1.0\n", "")
 
 
 def test_a_value_for_a_node_that_does_not_run_is_refused():

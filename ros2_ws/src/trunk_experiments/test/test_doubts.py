@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 
-from trunk_experiments.cli import main
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import doubts
@@ -20,26 +18,15 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.compare import best_of
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
+from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
 from trunk_msgs_util.recording.topic import RecordingError
-from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util.recording.writer import RecordingWriter
+
+from .rewritten import rewritten
 
 LATE = "LATE: the machine was too busy, 1 of 1300 steps late"
 ADVICE = ": --lockstep gives the exact run"
-
-
-@pytest.fixture
-def told(monkeypatch, capsys):
-    """Return a function that runs the command and returns its exit code and what it says."""
-
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["trunk", *map(str, words)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        captured = capsys.readouterr()
-        return stop.value.code, captured.out, captured.err
-
-    return run
 
 
 def in_real_time(source: Path, path: Path, late=(), unanswered=(), complete=True) -> Path:
@@ -48,28 +35,23 @@ def in_real_time(source: Path, path: Path, late=(), unanswered=(), complete=True
     The torque of some ``late`` steps is that of the step before; some states are ``unanswered``.
     """
     efforts: dict[int, float] = {}
-    with source.open("rb") as file, RecordingWriter(path) as writer:
-        reader = make_reader(file)
-        kept = {one.name: one.metadata for one in reader.iter_metadata()}
-        writer.add_metadata(PROVENANCE, {**kept[PROVENANCE], "mode": "real_time", "format": ""})
-        channels: dict[str, int] = {}
-        for schema, channel, message in reader.iter_messages(log_time_order=False):
-            if channel.topic not in channels:
-                channels[channel.topic] = writer.channel(channel.topic, schema.name)
-            data = message.data
-            if channel.topic == "/" + topics.GROUND_TRUTH:
-                layout = JointStateLayout.parse(data)
-                sample = layout.unpack(data)
-                step = sample.stamp_ns // 1_000_000 - 1  # the one that led here
-                efforts[step] = sample.effort[1]
-                if step in late:
-                    data = layout.pack(sample._replace(effort=(0.0, efforts[step - 1])))
-            stamp = message.log_time // 1_000_000
-            if channel.topic == "/" + topics.EFFORT_COMMAND and stamp in unanswered:
-                continue
-            writer.write(channels[channel.topic], message.log_time, message.publish_time, data)
-        writer.finish(complete=complete, reason="finished" if complete else "the disk is full")
-    return path
+
+    def edit(topic: str, data: bytes, index: int) -> bytes | None:
+        if topic not in (topics.GROUND_TRUTH, topics.EFFORT_COMMAND):
+            return data
+        layout = JointStateLayout.parse(data)
+        sample = layout.unpack(data)
+        at = sample.stamp_ns // 1_000_000
+        if topic == topics.EFFORT_COMMAND:
+            return None if at in unanswered else data
+        efforts[at - 1] = sample.effort[1]  # the step that led here
+        if at - 1 in late:
+            data = layout.pack(sample._replace(effort=(0.0, efforts[at - 2])))
+        return data
+
+    told = {**Recording.open(source).provenance, "mode": "real_time", "format": ""}
+    reason = "finished" if complete else "the disk is full"
+    return rewritten(source, path, edit, told, complete=complete, reason=reason)
 
 
 def test_an_exact_run_has_no_late_steps(short_run):
@@ -140,40 +122,40 @@ def fallen(path):
 
 
 @pytest.mark.slow
-def test_a_fall_comes_first(tmp_path, told):
+def test_a_fall_comes_first(tmp_path, trunk):
     path = fallen(tmp_path / "fallen.mcap")
     assert doubts_of(RecordedRun.open(path)).fell_at_s == 0.0
     for verb in ("metrics", "info"):
-        code, out, _ = told(verb, path)
+        code, out, _ = trunk(verb, path)
         assert (code, out.splitlines()[0]) == (0, "FELL: at t = 0 s, 30 degrees")
-        values = json.loads(told(verb, "--json", path)[1])
+        values = json.loads(trunk(verb, "--json", path)[1])
         assert values["doubts"]["fell"] == 0.0
-    told_of = told("plot", path, "-o", tmp_path / "a.png")[2]
+    told_of = trunk("plot", path, "-o", tmp_path / "a.png")[2]
     assert "FELL: at t = 0 s" in told_of
 
 
 @pytest.mark.slow
-def test_doubtful_runs_are_never_the_best(short_run, tmp_path, told):
+def test_doubtful_runs_are_never_the_best(short_run, tmp_path, trunk):
     sound = short_run("fig6", "lqr")
     late = in_real_time(short_run("fig6", "pid"), tmp_path / "late.mcap", [7])
     cut = in_real_time(short_run("fig6", "pid"), tmp_path / "cut.mcap", complete=False)
     down = fallen(tmp_path / "down.mcap")
-    found = json.loads(told("compare", "--json", late, sound, cut)[1])
+    found = json.loads(trunk("compare", "--json", late, sound, cut)[1])
     assert {name for one in found["metrics"].values() for name in one["best"]} == {sound.stem}
-    found = json.loads(told("compare", "--json", late, sound, cut, down)[1])
+    found = json.loads(trunk("compare", "--json", late, sound, cut, down)[1])
     assert {name for one in found["metrics"].values() for name in one["best"]} <= {sound.stem}
     doubts = [one["doubts"] for one in found["runs"]]
     assert [one["late"] and one["late"]["steps"] for one in doubts] == [1, None, 0, None]
     assert [one["complete"] for one in doubts] == [True, True, False, True]
     assert [one["fell"] for one in doubts] == [None, None, None, 0.0]
-    out = told("compare", late, sound, cut, down)[1].splitlines()
+    out = trunk("compare", late, sound, cut, down)[1].splitlines()
     assert out[0].startswith("NOT RANKED: ")
     assert [line.split(":")[0] + ":" + line.split(":")[1] for line in out[1:4]] == [
         "late: LATE",
         "cut: INCOMPLETE",
         "down: FELL",
     ]
-    assert told("compare", "--markdown", late, sound)[1].startswith("- **late: LATE: the machine")
+    assert trunk("compare", "--markdown", late, sound)[1].startswith("- **late: LATE: the machine")
 
 
 def test_only_sound_runs_can_be_best():
@@ -242,41 +224,41 @@ SAID = "the recorder did not finish this file; ends at 0.625 of 1.3 s"
 
 
 @pytest.mark.parametrize("verb", ["metrics", "info"])
-def test_an_incomplete_run_is_said_to_be_so_first_and_once(short_run, tmp_path, told, verb):
+def test_an_incomplete_run_is_said_to_be_so_first_and_once(short_run, tmp_path, trunk, verb):
     path = cut(short_run("fig6", "pid"), tmp_path / "cut.mcap")
-    code, out, err = told(verb, path)
+    code, out, err = trunk(verb, path)
     assert code == 0
     assert out.splitlines()[0] == f"INCOMPLETE: {SAID}"
     assert SAID not in err
     assert "did not shut down properly" not in err + out
-    doubts = json.loads(told(verb, "--json", path)[1])["doubts"]
+    doubts = json.loads(trunk(verb, "--json", path)[1])["doubts"]
     assert (doubts["complete"], doubts["ends_at_s"], doubts["planned_s"]) == (False, 0.625, 1.3)
 
 
-def test_metrics_of_an_incomplete_run_are_marked(short_run, tmp_path, told):
+def test_metrics_of_an_incomplete_run_are_marked(short_run, tmp_path, trunk):
     path = cut(short_run("fig6", "pid"), tmp_path / "cut.mcap")
-    assert "angle, INCOMPLETE" in " ".join(told("metrics", path)[1].split())
-    assert "INCOMPLETE" not in told("metrics", short_run("fig6", "pid"))[1]
+    assert "angle, INCOMPLETE" in " ".join(trunk("metrics", path)[1].split())
+    assert "INCOMPLETE" not in trunk("metrics", short_run("fig6", "pid"))[1]
 
 
 @pytest.mark.slow
-def test_plots_and_comparisons_say_it_once_too(short_run, tmp_path, told):
+def test_plots_and_comparisons_say_it_once_too(short_run, tmp_path, trunk):
     path, whole = cut(short_run("fig6", "pid"), tmp_path / "cut.mcap"), short_run("fig6", "lqr")
-    _, out, err = told("plot", path, "-o", tmp_path / "a.png")
+    _, out, err = trunk("plot", path, "-o", tmp_path / "a.png")
     assert [line for line in err.splitlines() if "INCOMPLETE" in line or "order" in line] == [
         f"trunk: warning: {path}: INCOMPLETE: {SAID}"
     ]
-    _, out, err = told("compare", path, whole)
+    _, out, err = trunk("compare", path, whole)
     assert out.splitlines()[0] == f"cut: INCOMPLETE: {SAID}"
     assert "INCOMPLETE" not in "".join(out.splitlines()[1:])
     assert "did not shut down properly" not in err
 
 
 @pytest.mark.parametrize("verb", ["diff", "explain", "export", "verify"])
-def test_verbs_without_metrics_say_it_first_and_once(short_run, tmp_path, told, verb):
+def test_verbs_without_metrics_say_it_first_and_once(short_run, tmp_path, trunk, verb):
     path = cut(short_run("fig6", "pid"), tmp_path / "cut.mcap")
     words = {"diff": [path], "explain": ["--at", 0.3], "export": ["--csv", tmp_path / "a.csv"]}
-    _, out, err = told(verb, path, *words.get(verb, []))
+    _, out, err = trunk(verb, path, *words.get(verb, []))
     if verb == "verify":
         first = out.splitlines()[1]
         assert first == "  obstacle: no trunk_end record: the recorder did not shut down properly"

@@ -4,32 +4,23 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
 
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.cli import main
 from trunk_experiments.plans.files import SCENARIOS
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+
+from .rewritten import rewritten
 
 
 @pytest.fixture
-def told(monkeypatch, capsys):
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["trunk", "list", *map(str, words)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        captured = capsys.readouterr()
-        return stop.value.code, captured.out, captured.err
-
-    return run
+def told(trunk):
+    return partial(trunk, "list")
 
 
 def test_runs(short_run, tmp_path, told, monkeypatch):
@@ -59,17 +50,12 @@ def test_runs(short_run, tmp_path, told, monkeypatch):
 
 def with_another_command(source, path):
     """Copy a run with the last bit of one torque flipped."""
-    with source.open("rb") as file, RecordingWriter(path) as writer:
-        writer.add_metadata(PROVENANCE, dict(Recording.open(source).provenance))
-        channels, commands = {}, 0
-        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
-            if channel.topic not in channels:
-                channels[channel.topic] = writer.channel(channel.topic, schema.name)
-            data = bytearray(message.data)
-            commands += channel.topic == "/effort_command"
-            data[-8] ^= channel.topic == "/effort_command" and commands == 100
-            times = (message.log_time, message.publish_time)
-            writer.write(channels[channel.topic], *times, bytes(data))
+
+    def edit(topic, data, index):
+        flipped = topic == "effort_command" and index == 99
+        return data[:-8] + bytes([data[-8] ^ flipped]) + data[-7:]
+
+    rewritten(source, path, edit)
 
 
 @pytest.mark.slow

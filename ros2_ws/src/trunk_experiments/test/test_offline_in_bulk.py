@@ -191,23 +191,14 @@ def outcome(plan, path):
 @pytest.mark.one_in(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*SOME, *BY_HAND])
-def test_states_in_stretches_make_the_same_file(name, tmp_path, monkeypatch):
+def test_states_in_bulk_make_the_same_file(name, tmp_path, monkeypatch):
     plan = (PLANS | BY_HAND)[name]()
     monkeypatch.setattr(chunked, "CHUNK_SIZE", 30_000)  # several chunks in one stretch
     expected = one_by_one(plan, tmp_path / "one_by_one.mcap")
+    monkeypatch.setattr(engine, "longest", lambda substeps: 70)
     monkeypatch.setattr(segments, "worth_compiling", lambda *_: False)
-    monkeypatch.setattr(engine, "longest", lambda substeps: 70)
     assert outcome(plan, tmp_path / "in_bulk.mcap") == expected
-
-
-@pytest.mark.one_in(3)
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [*SOME, *BY_HAND])
-def test_compiled_states_make_the_same_file(name, tmp_path, monkeypatch):
-    plan = (PLANS | BY_HAND)[name]()
-    expected = one_by_one(plan, tmp_path / "one_by_one.mcap")
     monkeypatch.setattr(segments, "worth_compiling", lambda *_: True)
-    monkeypatch.setattr(engine, "longest", lambda substeps: 70)
     monkeypatch.setattr(segments, "_plain_code", None)  # CPython's must not be called
     assert outcome(plan, tmp_path / "compiled.mcap") == expected
 

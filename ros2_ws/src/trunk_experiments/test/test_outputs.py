@@ -5,25 +5,21 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
 
-from trunk_experiments.cli import main
 from trunk_experiments.console.outputs import check_folder, check_output, default_name
 from trunk_experiments.errors import PlanError
 
 
 @pytest.fixture
-def told(monkeypatch, capsys):
+def told(trunk):
     """Return a function that runs the command and returns its exit code and its error output."""
 
     def run(words):
-        monkeypatch.setattr(sys, "argv", ["trunk", *map(str, words)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        return stop.value.code, capsys.readouterr().err.strip()
+        code, _, err = trunk(*words)
+        return code, err.strip()
 
     return run
 

@@ -110,7 +110,8 @@ def test_an_exception_in_a_law_gives_one_line_with_its_place(tmp_path: Path) -> 
     install(tmp_path, "mine", "mine = mine:LAW", module=law)
     line = 1 + law.splitlines().index("    unknown, of_two = (1.0,)")
     said = f"mine.py, line {line}, in update: ValueError: not enough values to unpack"
-    run = trunk(tmp_path, "simulate", "fig8", "--controller", "mine", "-o", "a.mcap")
+    short = ("--controller", "mine", "--duration", "0.2", "-o", "a.mcap")
+    run = trunk(tmp_path, "simulate", "fig8", *short)
     assert run.returncode == 2
     assert "Traceback" not in run.stderr
     assert said in run.stderr.splitlines()[-1]

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import pytest
 
-from trunk_experiments.cli import main
 from trunk_experiments.console import tables
 from trunk_experiments.plans.files import parse_setting, shipped_files
 from trunk_experiments.plans.nodes import NODES
@@ -15,15 +13,11 @@ from trunk_msgs_util.parameters.declarations import declarations
 
 
 @pytest.fixture
-def told(monkeypatch, capsys):
+def told(monkeypatch, trunk):
     def run(*words, width=None):
         if width is not None:
             monkeypatch.setattr(tables, "screen_width", lambda: width)
-        monkeypatch.setattr(sys, "argv", ["trunk", "params", *map(str, words)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        captured = capsys.readouterr()
-        return stop.value.code, captured.out, captured.err
+        return trunk("params", *words)
 
     return run
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-
 import click
 import pytest
 from click.exceptions import Exit
 from mcap.reader import make_reader
 
-from trunk_experiments.cli import main
 from trunk_experiments.commands.run import command, show_run, write_run
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.recorded.run import RecordedRun
@@ -20,10 +17,11 @@ from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
-from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
 from .documents import checked
+from .rewritten import rewritten
 
 pytestmark = pytest.mark.slow  # every verb, every recording
 
@@ -35,23 +33,12 @@ def whole(short_run):
     return short_run("fig8", "fuzzy_pid", duration=0.3)
 
 
-def copy(source, path, keep=lambda name, data, index: True, edit=None, stopped=False):
-    """Copy the messages of a run for which ``keep(relative topic, CDR, index)`` is true, edited."""
-    run = Recording.open(source)
-    with RecordingWriter(path) as writer:
-        writer.add_metadata(PROVENANCE, run.provenance)
-        for name, topic in run.topics.items():
-            channel = writer.channel(name, topic.type)
-            index = 0
-            for logs, messages in run.messages(name):
-                for log, data in zip(logs, messages, strict=True):
-                    if keep(name.removeprefix("/"), data, index):
-                        copied = edit(name.removeprefix("/"), data) if edit else data
-                        writer.write(channel, log, log, copied)
-                    index += 1
-        if stopped:
-            writer.finish(complete=False, reason="the recorder was stopped")
-    return path
+STOPPED = {"complete": False, "reason": "the recorder was stopped"}
+
+
+def kept(condition):
+    """Return an edit that leaves out the messages for which ``condition(topic, CDR, index)`` is false."""
+    return lambda name, data, index: data if condition(name, data, index) else None
 
 
 def without(*names):
@@ -67,8 +54,9 @@ def without_parameters_of(node):
 def without_the_last(source, path, topic, count, stopped=False):
     """Copy a run without the last messages of a topic, ``count`` of them."""
     first = Recording.open(source).topics[f"/{topic}"].count - count
-    return copy(
-        source, path, lambda name, data, index: name != topic or index < first, stopped=stopped
+    end = STOPPED if stopped else {}
+    return rewritten(
+        source, path, kept(lambda name, data, index: name != topic or index < first), **end
     )
 
 
@@ -81,14 +69,12 @@ def test_a_file_cut_between_a_command_and_its_terms_does_not_diverge(whole, tmp_
         assert verify(Recording.open(path)).exit_code == expected
 
 
-def test_a_file_cut_before_its_first_state_is_called_damaged(whole, tmp_path, monkeypatch, capsys):
+def test_a_file_cut_before_its_first_state_is_called_damaged(whole, tmp_path, trunk):
     path = tmp_path / "cut.mcap"
     path.write_bytes(whole.read_bytes()[:10_000])
-    monkeypatch.setattr(sys, "argv", ["trunk", "metrics", str(path)])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if "error" in line]
-    assert stop.value.code != 0
+    code, _, err = trunk("metrics", path)
+    (line,) = [line for line in err.splitlines() if "error" in line]
+    assert code != 0
     assert line.startswith(
         f"trunk: error: {path} is damaged, and no messages on /ground_truth/joint_states can be read: "
         "ends at byte 10000"
@@ -108,7 +94,7 @@ def test_a_recorder_that_is_stopped_between_a_command_and_its_terms_accuses_nobo
 
 
 def test_a_run_that_was_stopped_at_once_has_no_metrics_but_files(whole, tmp_path, capsys):
-    path = copy(whole, tmp_path / "run.mcap", without(STATE))
+    path = rewritten(whole, tmp_path / "run.mcap", kept(without(STATE)))
     files, run = RunFiles(tmp_path), RecordedRun.open(path)
     show_run(files, run, interrupted=True)
     said = capsys.readouterr()
@@ -120,7 +106,7 @@ def test_a_run_that_was_stopped_at_once_has_no_metrics_but_files(whole, tmp_path
 
 
 def test_a_run_without_metrics_has_its_document(whole, tmp_path, capsys):
-    path = copy(whole, tmp_path / "run.mcap", without(STATE))
+    path = rewritten(whole, tmp_path / "run.mcap", kept(without(STATE)))
     told = {"scenario": "fig8", "controllers": ["fuzzy_pid"], "duration_s": 0.3}
     more = {"update_rate_hz": 1000.0, "lockstep": False, "parameters": "params.yaml"}
     with click.Context(command), pytest.raises(Exit) as end:
@@ -140,7 +126,7 @@ def test_answers_of_a_node_that_was_killed_and_started_again_accuse_nobody(
     def later(name, data, index):
         return name not in topics_ or index >= 3
 
-    path = copy(whole, tmp_path / "stopped.mcap", later, stopped=True)
+    path = rewritten(whole, tmp_path / "stopped.mcap", kept(later), **STOPPED)
     verdict = verify(Recording.open(path))
     assert verdict.exit_code == UNJUDGED
     assert any(
@@ -156,7 +142,7 @@ def test_answers_that_a_stopped_recorder_has_missed_accuse_nobody(whole, tmp_pat
     def earlier(name, data, index):
         return name not in topics_ or index < counts[f"/{name}"] - lost
 
-    path = copy(whole, tmp_path / "stopped.mcap", earlier, stopped=True)
+    path = rewritten(whole, tmp_path / "stopped.mcap", kept(earlier), **STOPPED)
     verdict = verify(Recording.open(path))
     assert verdict.exit_code == UNJUDGED, verdict.reasons
 
@@ -190,7 +176,7 @@ PARTS = {
 def edited(topic, change):
     """Return an edit that changes each sample of a topic."""
 
-    def edit(name, data):
+    def edit(name, data, index):
         if name != topic:
             return data
         sample = change(JointStateLayout.parse(data).unpack(data))
@@ -203,7 +189,7 @@ def with_parameters(node, **values):
     """Return an edit that gives a node other parameters at its start; dots are written __."""
     given = {name.replace("__", "."): value for name, value in values.items()}
 
-    def edit(name, data):
+    def edit(name, data, index):
         if name != topics.RUN_PARAMETERS:
             return data
         event = parse_parameter_event(data)
@@ -295,9 +281,7 @@ FOREIGN = {
 def partial(name, whole, path):
     if name in FOREIGN:
         return FOREIGN[name](path)
-    if name in EDITS:
-        return copy(whole, path, edit=EDITS[name])
-    return copy(whole, path, PARTS[name])
+    return rewritten(whole, path, EDITS[name] if name in EDITS else kept(PARTS[name]))
 
 
 VERBS = {
@@ -330,22 +314,17 @@ CASES = [
 @pytest.mark.one_in(5)
 @pytest.mark.filterwarnings("error")  # they would be shown to the user
 @pytest.mark.parametrize(("part", "verb"), CASES)
-def test_one_line_at_most(part, verb, whole, tmp_path, monkeypatch, capsys):
+def test_one_line_at_most(part, verb, whole, tmp_path, trunk):
     path = partial(part, whole, tmp_path / "part.mcap")
     places = {"RUN": path, "WHOLE": whole}
-    words = [
-        str(places.get(word, word.replace("OUT", str(path.with_name("out")))))
-        for word in VERBS[verb]
-    ]
-    monkeypatch.setattr(sys, "argv", ["trunk", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    said = capsys.readouterr()
-    errors = [line for line in said.err.splitlines() if not line.startswith("trunk: warning: ")]
-    assert ended.value.code in (0, 1, 2)
+    out_of = str(path.with_name("out"))
+    words = [str(places.get(word, word.replace("OUT", out_of))) for word in VERBS[verb]]
+    code, out, err = trunk(*words)
+    errors = [line for line in err.splitlines() if not line.startswith("trunk: warning: ")]
+    assert code in (0, 1, 2)
     assert len(errors) <= 1
     for line in errors:
         assert line.startswith("trunk: error: ")
         assert str(path) in line
-    if ended.value.code:
-        assert errors or said.out  # it says what is wrong
+    if code:
+        assert errors or out  # it says what is wrong

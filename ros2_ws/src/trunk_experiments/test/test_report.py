@@ -15,7 +15,6 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.reader import make_reader
 
 from trunk_control.fuzzy import fired_rules, infer
 from trunk_experiments.cli import trunk
@@ -29,8 +28,9 @@ from trunk_experiments.views.report import make_report
 from trunk_experiments.views.report_page import render
 from trunk_experiments.views.rule_use import rule_use, times_fired
 from trunk_experiments.views.run_view import RunView
-from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_sim.operator_input import Applied
+
+from .rewritten import rewritten
 
 
 def view_of(path):
@@ -324,14 +324,9 @@ def test_the_command_and_its_size(short_run, tmp_path, monkeypatch):
 
 
 def test_a_run_without_a_known_controller(short_run, tmp_path):
-    source = short_run("fig8", "pid")
-    path = tmp_path / "bare.mcap"
-    with source.open("rb") as file, RecordingWriter(path) as writer:
-        channels = {}
-        for schema, channel, message in make_reader(file).iter_messages(
-            topics=["/ground_truth/joint_states"]
-        ):
-            key = channels.setdefault(channel.topic, writer.channel(channel.topic, schema.name))
-            writer.write(key, message.log_time, message.publish_time, message.data)
+    def only_truth(topic, data, index):
+        return data if topic == "ground_truth/joint_states" else None
+
+    path = rewritten(short_run("fig8", "pid"), tmp_path / "bare.mcap", only_truth, provenance={})
     words = " ".join(Page(render(make_report([view_of(path)]))).words)
     assert "No metrics" in words
