@@ -76,7 +76,7 @@ def draw_curves(
             mean = np.where(fallen > 0.5, np.nan, curve.values[0])
             plots[0].plot(x, mean, marker=".", label=curve.controller, **style)
             few_fell = (fallen > 0.0) & (fallen <= 0.5)
-            plots[0].plot(x[few_fell], mean[some], "o", mfc="white", mec=style["color"], ms=6)
+            plots[0].plot(x[few_fell], mean[few_fell], "o", mfc="white", mec=style["color"], ms=6)
             most = x[fallen > 0.5]
             plots[0].plot(  # a row for each controller, below the upper edge
                 most, np.full(len(most), 0.97 - 0.035 * k), "x", color=style["color"],
