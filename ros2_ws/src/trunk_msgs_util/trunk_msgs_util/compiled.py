@@ -28,6 +28,7 @@ from types import FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core.codegen import get_host_cpu_features
 from numba.core.errors import NumbaError as NumbaError
 from numba.extending import register_jitable
 
@@ -38,6 +39,21 @@ from .compilable import call_graph
 # numba refuses a function that creates one.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False}
 _registered: set[FunctionType] = set()
+
+
+def _prefer_wide_vectors() -> None:
+    """Let LLVM take vectors of eight doubles wherever the processor has them.
+
+    For Intel's it prefers four, since those once ran at a lower clock rate; loops over lanes gain from eight.
+    The bits are the same. This acts on all code that numba compiles in the process after it.
+    """
+    config: Any = numba.config
+    features = config.CPU_FEATURES or get_host_cpu_features()  # the user's own, if any
+    if "+avx512f" in features.split(",") and "prefer-256-bit" not in features:
+        config.CPU_FEATURES = f"{features},-prefer-256-bit"
+
+
+_prefer_wide_vectors()
 
 _KEPT_DAYS = 90.0
 

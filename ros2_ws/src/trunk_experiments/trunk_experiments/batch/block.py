@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
@@ -32,6 +33,7 @@ from .compiled_run import Batch
 from .lanes import Common, LaneSeries, fill_disturbances, fill_references, lanes_loop
 
 ENOUGH = 4  # runs: a block of lanes takes about as long
+_KEPT = 8  # controllers whose values are kept
 LONGEST = 200_000  # states: the series of longer runs would take too much memory
 
 
@@ -99,6 +101,27 @@ def summary_of(plan: RunPlan, batch: Batch) -> RunSummary:
         return RunSummary(None, refused=str(error))
 
 
+def _once_an_object(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Keep the results for the latest objects: a sweep's runs have few controllers, whose values recur."""
+    kept: deque[tuple[Any, Any]] = deque(maxlen=_KEPT)
+
+    def result_for(argument: Any) -> Any:
+        for known, result in tuple(kept):
+            if known is argument:
+                return result
+        result = function(argument)
+        kept.append((argument, result))
+        return result
+
+    return result_for
+
+
+_constants = _once_an_object(lambda config: config.constants)
+_settings = _once_an_object(settings_of)
+_constant_rows = _once_an_object(row_values)
+_constants_in_common = _once_an_object(in_common)
+
+
 def regular_run(plan: RunPlan) -> Regular | None:
     """Return the run of a lane, or None for a plan whose run is not regular, or too long."""
     simulator, disturbance = plan.simulator, plan.disturbance
@@ -110,7 +133,7 @@ def regular_run(plan: RunPlan) -> Regular | None:
     config = plan.controller
     if type(law_of(config).memory) is not PidState:  # the lanes only have rows for this type
         return None
-    settings, hip = settings_of(config), hip_index(config, simulator.joints)
+    settings, hip = _settings(config), hip_index(config, simulator.joints)
     if simulator.period_ns > settings.gap_ns:  # every state would start afresh
         return None
     every = max(1, -(-settings.due_after_ns // simulator.period_ns))
@@ -118,7 +141,7 @@ def regular_run(plan: RunPlan) -> Regular | None:
         simulator.plant,
         simulator.sensor,
         settings.limits,
-        config.constants,
+        _constants(config),
         -1 if hip is None else hip,
         states,
         simulator.period_ns,
@@ -130,10 +153,11 @@ def regular_run(plan: RunPlan) -> Regular | None:
         seconds(every * simulator.period_ns),
         steady_from(seconds((states - 1) * simulator.period_ns)),
     )
-    records = common.plant, common.sensor, common.limits, common.constants
+    records = common.plant, common.sensor, common.limits
+    numbers = [number for record in records for number in row_values(record)]
     return Regular(
         common,
-        [number for record in records for number in row_values(record)],
+        [*numbers, *_constant_rows(common.constants)],
         simulator.initial_state,
         limited(0.0, settings.limits),
         settings.profile,
@@ -145,8 +169,14 @@ def regular_run(plan: RunPlan) -> Regular | None:
 def key_of(regular: Regular) -> Any:
     """Return a key that is the same for all runs in a block."""
     c = regular.common
-    records = (in_common(record) for record in (c.plant, c.sensor, c.limits, c.constants))
-    return (*records, c[4:], regular.signals is None, regular.seed is None)
+    records = (in_common(record) for record in (c.plant, c.sensor, c.limits))
+    return (
+        *records,
+        _constants_in_common(c.constants),
+        c[4:],
+        regular.signals is None,
+        regular.seed is None,
+    )
 
 
 def run_block(

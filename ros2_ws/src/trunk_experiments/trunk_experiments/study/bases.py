@@ -84,7 +84,10 @@ def plan_of(study: StudySpec, bases: Bases, row: Row) -> RunPlan:
             field = field_of(configs[node], target.name)
             old = changed[node].get(field, getattr(configs[node], field))
             changed[node][field] = new_value(configs[node], target, old, v.how, row[v.name])
-    made = {node: replace(config, **changed[node]) for node, config in configs.items()}
+    made = {
+        node: replace(config, **changed[node]) if changed[node] else config
+        for node, config in configs.items()
+    }
     disturbance = made["disturbance"]
     return replace(
         base.plan,
