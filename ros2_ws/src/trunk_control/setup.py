@@ -8,7 +8,8 @@ name = manifest.findtext("name")
 version = manifest.findtext("version")
 maintainer = manifest.find("maintainer")
 wheel = "TRUNK_WHEEL" in os.environ  # scripts/wheels.sh: no executables of nodes
-laws = ["pid", "fuzzy_pid", "lqr", "computed_torque"]
+laws = {name: name for name in ("pid", "fuzzy_pid", "lqr", "computed_torque")}  # its module
+laws["fuzzy"] = "fuzzy_torque"
 
 setup(
     name=name,
@@ -46,6 +47,8 @@ setup(
             f"{name} = trunk_control.executables:{name}"
             for name in (*laws, "fuzzy_gains", "reference")
         ],
-        "trunk.controllers": [f"{name} = trunk_control.{name}:LAW" for name in laws],
+        "trunk.controllers": [
+            f"{name} = trunk_control.{module}:LAW" for name, module in laws.items()
+        ],
     },
 )

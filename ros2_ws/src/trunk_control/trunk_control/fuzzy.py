@@ -146,6 +146,25 @@ class FuzzyCell(NamedTuple):
     alpha_11: float
 
 
+def cell_edges(
+    i: int, error_peaks: Sequence[float], j: int, rate_peaks: Sequence[float]
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Return where the cell at the i-th peak of e and the j-th of e_dot holds, and its peaks.
+
+    In the order of `FuzzyCell`: a cell at the edge holds without end.
+    """
+    return (
+        error_peaks[i] if i > 0 else -inf,
+        error_peaks[i + 1] if i < len(error_peaks) - 2 else inf,
+        rate_peaks[j] if j > 0 else -inf,
+        rate_peaks[j + 1] if j < len(rate_peaks) - 2 else inf,
+        error_peaks[i],
+        error_peaks[i + 1],
+        rate_peaks[j],
+        rate_peaks[j + 1],
+    )
+
+
 def cell_at(error: float, error_rate: float, rules: FuzzyRules) -> FuzzyCell:
     """Return the cell of the rule base that contains the inputs."""
     i, _ = locate(error, rules.error_peaks)
@@ -154,14 +173,7 @@ def cell_at(error: float, error_rate: float, rules: FuzzyRules) -> FuzzyCell:
     corner = i * columns + j
     below = corner + columns
     return FuzzyCell(
-        rules.error_peaks[i] if i > 0 else -inf,
-        rules.error_peaks[i + 1] if i < len(rules.error_peaks) - 2 else inf,
-        rules.rate_peaks[j] if j > 0 else -inf,
-        rules.rate_peaks[j + 1] if j < columns - 2 else inf,
-        rules.error_peaks[i],
-        rules.error_peaks[i + 1],
-        rules.rate_peaks[j],
-        rules.rate_peaks[j + 1],
+        *cell_edges(i, rules.error_peaks, j, rules.rate_peaks),
         rules.kp[corner],
         rules.kp[corner + 1],
         rules.kp[below],

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 GROUP = "trunk.controllers"
 # In tables and plots these come first, in this order.
-_FIRST = ("pid", "fuzzy_pid", "lqr", "computed_torque")
+_FIRST = ("pid", "fuzzy_pid", "lqr", "computed_torque", "fuzzy")
 _NODE_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 

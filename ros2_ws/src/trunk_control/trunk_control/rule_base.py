@@ -149,19 +149,23 @@ def rule_table(
     labels: tuple[str, ...],
     values: tuple[float, ...],
     numbers: Range,
+    output: str = "",
 ) -> RuleTable:
     """Return the table ``rules.NAME`` with the labels and centres of ``fuzzy.NAME_labels`` and ``_centers``.
 
+    ``output``: in place of NAME in the names of these two parameters.
+
     Raises ParameterError for labels that cannot be, and for another number of centres.
     """
+    output = output or name
     try:
         check_labels(labels)
     except ValueError as error:
-        raise ParameterError(f"fuzzy.{name}_labels", labels, str(error)) from None
+        raise ParameterError(f"fuzzy.{output}_labels", labels, str(error)) from None
     if len(values) != len(labels):
         raise ParameterError(
-            f"fuzzy.{name}_centers",
+            f"fuzzy.{output}_centers",
             values,
-            f"as many as fuzzy.{name}_labels ({len(labels)}: {', '.join(labels)})",
+            f"as many as fuzzy.{output}_labels ({len(labels)}: {', '.join(labels)})",
         )
     return RuleTable(name, rows, dict(zip(labels, values, strict=True)), numbers)

@@ -52,6 +52,12 @@ ALPHA_AS_PRINTED = (
     "S S S S S S S",
 )
 
+# The antidiagonal table of a PD-like or PI-like controller: sum of both labels' places, limited. P. J.
+# MacVicar-Whelan, Fuzzy sets for man-machine interaction, Int. J. Man-Machine Studies 8, 1976.
+MACVICAR_WHELAN = tuple(
+    " ".join(INPUT_LABELS[min(max(i + j - 3, 0), 6)] for j in range(7)) for i in range(7)
+)
+
 _LABEL = re.compile(r"[^\W\d][\w+-]{0,31}")
 _OF_YAML = {"yes", "no", "on", "off", "true", "false", "null"}  # texts only where they are quoted
 
@@ -69,6 +75,7 @@ class Range(NamedTuple):
 
 
 UNIT = Range(0.0, 1.0, "from 0 to 1")
+FRACTION = Range(-1.0, 1.0, "from -1 to 1")
 POSITIVE = Range(5e-324, 1e6, "above 0")
 
 

@@ -159,8 +159,8 @@ def test_the_comparison_detects_one_changed_bit(batch):
     assert "step 7: x_dot is" in lane_difference(plan, outcome)
 
 
-# Divisions that remain: the period by the substeps, stamps in s; twice two in Fuzzy-PID's look-up.
-SCALAR = {"pid": 3, "lqr": 3, "computed_torque": 3, "fuzzy_pid": 7}
+# Divisions that remain: the period by the substeps, stamps in s; twice two in a look-up of rules.
+SCALAR = {"pid": 3, "lqr": 3, "computed_torque": 3, "fuzzy_pid": 7, "fuzzy": 7}
 
 
 @pytest.mark.slow

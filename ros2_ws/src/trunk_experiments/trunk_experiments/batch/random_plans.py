@@ -38,12 +38,16 @@ _RATES = (
 )  # Hz; for some the period is not a whole number of ns
 _OFTEN_DEFAULT = 0.4
 # Who acts, in turns; only a few orders, because each is compiled separately.
+_FIRST = CONTROLLERS[:4]
 _PARTIES: tuple[tuple[str, ...], ...] = (
-    *((name,) for name in CONTROLLERS),
-    *((name,) for name in CONTROLLERS),
-    CONTROLLERS,
-    CONTROLLERS[1::-1],
+    *((name,) for name in _FIRST),
+    *((name,) for name in _FIRST),
+    _FIRST,
+    _FIRST[1::-1],
 )
+# The plans before stay as they were frozen; those from here on also have any law, and rule bases of any size.
+ANY_LAW = 200
+_LATER_PARTIES = (*_PARTIES, *((name,) for name in CONTROLLERS[4:]), ("fuzzy", "fuzzy_pid"))
 
 
 @dataclass(frozen=True)
@@ -124,14 +128,15 @@ def random_plan(index: int) -> RunPlan:
     disturbance = draw.config(
         "disturbance", update_rate=rate, joints=simulator.joints, **_disturbance(draw)
     )
-    first, *others = _PARTIES[int(rng.integers(len(_PARTIES)))]
+    parties = _PARTIES if index < ANY_LAW else _LATER_PARTIES
+    first, *others = parties[int(rng.integers(len(parties)))]
     times = sorted(rng.uniform(0.0, draw.duration, 4 if others else 0).tolist())
     order = [*others, first]
     swaps = [Swap(time, order[i % len(order)]) for i, time in enumerate(times)]
     turns = turns_of(first, swaps)
     controllers = {
         name: replace(
-            draw.config(name, **_controller(draw, name, rate)),
+            draw.config(name, **_controller(draw, name, rate), **sized(draw, name, index)),
             active_times=active if swaps else (),
         )
         for name, active in turns.items()
@@ -246,6 +251,39 @@ def _series(draw: Draw, prefix: str) -> dict[str, Value]:
         f"{prefix}{name}": tuple(draw.rng.uniform(-0.1, 0.1, count).tolist())
         for name, count in zip(("cosines", "sines"), counts, strict=True)
     }
+
+
+def rule_base(draw: Draw, node: str, rows: int, columns: int) -> dict[str, Value]:
+    """Return random peaks, labels and tables of a size, the cells labels and numbers."""
+    rng = draw.rng
+    low = {"kp": 0.0, "kd": 0.0, "alpha": 0.1, "u": -1.0}
+    values: dict[str, Value] = {}
+    for axis, count in (("error", rows), ("rate", columns)):
+        gaps = rng.uniform(0.1, 1.0, count + 1)
+        values[f"fuzzy.{axis}_peaks"] = tuple(
+            (2.0 * np.cumsum(gaps)[:-1] / gaps.sum() - 1.0).tolist()
+        )
+        values[f"fuzzy.{axis}_labels"] = tuple(f"{axis[0]}{i}" for i in range(count))
+    for output in ("u",) if node == "fuzzy" else ("kp", "kd", "alpha"):
+        labels = tuple(f"L{i}" for i in range(int(rng.integers(1, 6))))
+        name = {"u": "output"}.get(output, output)
+        values[f"fuzzy.{name}_labels"] = labels
+        values[f"fuzzy.{name}_centers"] = tuple(rng.uniform(low[output], 1.0, len(labels)).tolist())
+        cells = [
+            draw.pick(*labels, repr(float(rng.uniform(low[output], 1.0))))
+            for _ in range(rows * columns)
+        ]
+        values[f"rules.{output}"] = tuple(
+            " ".join(cells[i * columns : (i + 1) * columns]) for i in range(rows)
+        )
+    return values
+
+
+def sized(draw: Draw, node: str, index: int) -> dict[str, Value]:
+    """Return a rule base of any size for a plan that may have one, else nothing."""
+    if index < ANY_LAW or node not in ("fuzzy", "fuzzy_pid"):
+        return {}
+    return rule_base(draw, node, *draw.rng.integers(2, draw.pick(5, 8, 65), 2).tolist())
 
 
 def _of_a_model(draw: Draw) -> dict[str, Value]:

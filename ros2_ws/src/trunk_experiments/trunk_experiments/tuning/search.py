@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.rule_base import RuleBaseConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.rule_tables import Axes
 from trunk_msgs_util.parameters.declarations import Value, build, declarations, values_of
 from trunk_msgs_util.recording.joint_arrays import Floats
@@ -88,12 +88,12 @@ def own_space(config: Any) -> Space:
 
 def space_of(controller: str, config: Any) -> Space:
     """Return the search space of a controller. Raises PlanError if there is none."""
-    if isinstance(config, RuleBaseConfig):
+    if isinstance(config, FuzzyPidConfig):
         return fuzzy_space(config)
     return gains_space(config) if controller == "pid" else own_space(config)
 
 
-def fuzzy_space(config: RuleBaseConfig) -> Space:
+def fuzzy_space(config: FuzzyPidConfig) -> Space:
     """Return a law's own numbers, such as ranges and universes, and its tables, symmetric in e and e_dot.
 
     A quarter of each table defines it; its cells are the labels. Raises PlanError for a table with numbers in

@@ -21,7 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from ..errors import EXIT_FAILED, EXIT_USAGE, TrunkError
-from ..parameters.declarations import of_every_node, unknown_name
+from ..parameters.declarations import of_every_node, table_of, unknown_name
 from ..text import printable
 from . import middleware
 from .base import TrunkNode
@@ -166,8 +166,8 @@ def _check_settings(nodes: Sequence[Node], argv: Sequence[str]) -> None:
         if not named:
             names = ", ".join(node.get_name() for node in nodes)
             raise ArgumentError(f"nothing uses -p {word}: it is for {setting[1]}, this is {names}")
-        if not any(node.has_parameter(setting[2]) for node in named):
-            known = [name for node in named for name in node.get_parameters_by_prefix("")]
+        known = [name for node in named for name in node.get_parameters_by_prefix("")]
+        if setting[2] not in known and not table_of(setting[2], known):
             raise ArgumentError(f"nothing uses -p {word}: {unknown_name(setting[2], known)}")
 
 

@@ -1,0 +1,326 @@
+"""The law ``fuzzy``: a rule table of (e, e_dot) gives the torque itself, or how fast it changes.
+
+Its functions are pure: CPython runs them and numba compiles them unchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from trunk_msgs_util.parameters.declarations import parameter
+
+from .fuzzy import FiredRule, bilinear, cell_edges, fired_at, locate
+from .law import Law, Lookup, Sample
+from .limits import (
+    ANTIWINDUP_BACK_CALCULATION,
+    ANTIWINDUP_CONDITIONAL_INTEGRATION,
+    Limits,
+    limited,
+)
+from .pid_family import PidState, error_derivative, usable
+from .rule_base import (
+    RuleBaseConfig,
+    centers_parameter,
+    labels_parameter,
+    rule_table,
+    table_parameter,
+)
+from .rule_tables import FRACTION, INPUT_LABELS, MACVICAR_WHELAN, RuleTable
+
+_THIRDS = tuple(i / 3.0 for i in range(-3, 4))
+
+
+class TorqueRules(NamedTuple):
+    """A rule base with one output, a fraction from -1 to 1; as `fuzzy.FuzzyRules` otherwise."""
+
+    error_peaks: Sequence[float]  # rad
+    rate_peaks: Sequence[float]  # rad/s
+    table: Sequence[float]
+
+
+class TorqueCell(NamedTuple):
+    """The four rules around an operating point, as `fuzzy.FuzzyCell`."""
+
+    error_from: float
+    error_to: float
+    rate_from: float
+    rate_to: float
+    error_left: float
+    error_right: float
+    rate_left: float
+    rate_right: float
+    u_00: float
+    u_01: float
+    u_10: float
+    u_11: float
+
+
+class FuzzyTerms(NamedTuple):
+    """One update, term by term."""
+
+    error: float  # rad
+    error_rate: float  # the derivative that was used, rad/s
+    output: float  # of the table, from -1 to 1
+    table_term: float  # N m; 0 in the form pi
+    integral: float  # N m; 0 in the form pd
+    unsaturated: float  # N m
+    effort: float  # N m, after the limits
+    held: bool
+
+
+Constants = tuple[TorqueRules, float, bool]  # rules, scale, integrating
+
+
+@dataclass(frozen=True)
+class FuzzyConfig(RuleBaseConfig):
+    """Parameters of the ``fuzzy`` node.
+
+    Near the upright the default table is a PD controller with the gains scale / error_range (57.3 N m/rad)
+    and scale / rate_range (18 N m s/rad).
+    """
+
+    output_labels: tuple[str, ...] = labels_parameter(
+        "fuzzy.output_labels", INPUT_LABELS, "Labels of the output"
+    )
+    output_centers: tuple[float, ...] = centers_parameter(
+        "fuzzy.output_centers",
+        _THIRDS,
+        "Centres of the output's labels, as fractions of its scale",
+        minimum=-1.0,
+        maximum=1.0,
+    )
+    output_scale: float = parameter(
+        "fuzzy.output_scale",
+        90.0,
+        "Torque (form pd), or its change in a second (form pi), where the table gives 1",
+        unit_by="fuzzy.form",
+        unit="N m or N m/s",
+        units=(("pd", "N m"), ("pi", "N m/s")),
+        above=0.0,
+        maximum=1e9,
+    )
+    form: str = parameter(
+        "fuzzy.form",
+        "pd",
+        "The table gives the torque, or its derivative, which is integrated",
+        choices=("pd", "pi"),
+    )
+    rules_u: tuple[str, ...] = table_parameter(
+        "rules.u", MACVICAR_WHELAN, "A row per label of e, a label or number per label of e_dot"
+    )
+
+    @property
+    def tables(self) -> tuple[RuleTable, ...]:
+        """The one table."""
+        return (
+            rule_table(
+                "u", self.rules_u, self.output_labels, self.output_centers, FRACTION, "output"
+            ),
+        )
+
+    @property
+    def rules(self) -> TorqueRules:
+        """The rule base, with its peaks in rad and rad/s."""
+        return TorqueRules(*self.peaks, self.tables[0].values(self.axes))
+
+    @property
+    def inference(self) -> Callable[[float, float], tuple[float, ...]]:
+        """The table's output as a function of e in rad and e_dot in rad/s."""
+        rules = self.rules
+        return lambda error, rate: (table_output(error, rate, rules),)
+
+    def fired(self, error: float, rate: float) -> tuple[FiredRule, ...]:
+        """Return the four rules that fire at e in rad and e_dot in rad/s."""
+        rules = self.rules
+        columns = len(rules.rate_peaks)
+        return tuple(
+            rule._replace(values=(rules.table[rule.row * columns + rule.column],))
+            for rule in fired_at(error, rate, rules.error_peaks, rules.rate_peaks)
+        )
+
+    @property
+    def constants(self) -> Constants:
+        """The rules, the scale, and whether the output is integrated."""
+        return self.rules, self.output_scale, self.form == "pi"
+
+    @property
+    def damping_gain(self) -> float:
+        """The steepest slope of the torque over the rate; 0 in the form pi."""
+        if self.form == "pi":
+            return 0.0
+        _, peaks, table = self.rules
+        columns = len(peaks)
+        slopes = (
+            (table[cell + 1] - table[cell]) / (peaks[cell % columns + 1] - peaks[cell % columns])
+            for cell in range(len(table))
+            if cell % columns < columns - 1
+        )
+        return self.output_scale * max(0.0, *slopes)
+
+
+def table_output(error: float, error_rate: float, rules: TorqueRules) -> float:
+    """Return the table's output by product inference and centre average, as `fuzzy.infer` does."""
+    i, a = locate(error, rules.error_peaks)
+    j, b = locate(error_rate, rules.rate_peaks)
+    columns = len(rules.rate_peaks)
+    return bilinear(rules.table, i * columns + j, columns, a, b)
+
+
+def fuzzy_update(
+    state: PidState, sample: Sample, constants: Constants, limits: Limits
+) -> tuple[PidState, FuzzyTerms]:
+    """Return the next state and the terms of one update; ``constants``: rules, scale K, integrating.
+
+    With the table's output f in [-1, 1]::
+
+        form pd:  u_k = K f(e_k, D_k)                               K in N m
+        form pi:  u_k = U_k = U_{k-1} + h K f(e_k, D_k)             K in N m/s
+
+    U is ``state.integral``, here in N m; it stays within ``i_min`` and ``i_max``. Anti-windup acts
+    afterwards, on the U of the next sample, as in `pid_family.combine`: conditional integration drops the
+    increment where u is limited and ``u f > 0``; back-calculation adds ``h (u_limited - u) / T_t``, where
+    T_t = 0 means h.
+    A sample that is not usable, and an overflow, are held. Source: D. Driankov, H. Hellendoorn, M. Reinfrank,
+    An Introduction to Fuzzy Control, 1993, 3.3: PD-like and PI-like controllers.
+    """
+    rules, scale, integrating = constants
+    reference, measurement, rate, dt, _ = sample
+    error = reference - measurement
+    if not usable(error, rate, dt):
+        return fuzzy_held(state, limits)
+    derivative = error_derivative(state, error, measurement, rate, dt, limits)
+    output = table_output(error, derivative, rules)
+    table_term, integral = scale * output, 0.0
+    if integrating:
+        integral = state.integral + dt * table_term
+        if integral > limits.i_max:
+            integral = limits.i_max
+        elif integral < limits.i_min:
+            integral = limits.i_min
+        table_term = 0.0
+    u = table_term + integral
+    effort = limited(u, limits)
+    kept = integral
+    if integrating and effort != u:
+        if limits.antiwindup == ANTIWINDUP_CONDITIONAL_INTEGRATION:
+            if u * output > 0.0:
+                kept = state.integral
+        elif limits.antiwindup == ANTIWINDUP_BACK_CALCULATION:
+            tracking = limits.tracking_time_constant
+            if tracking < dt:
+                tracking = dt  # faster would overshoot the limit
+            kept = integral + dt * (effort - u) / tracking
+    total = effort + kept + derivative
+    if total - total != 0.0:
+        return fuzzy_held(state, limits)
+    return (
+        PidState(kept, error, measurement, derivative, effort, True),
+        FuzzyTerms(error, derivative, output, table_term, integral, u, effort, False),
+    )
+
+
+def fuzzy_held(state: PidState, limits: Limits) -> tuple[PidState, FuzzyTerms]:
+    """Return the unchanged state, and terms that repeat the last command within the current limits."""
+    effort = limited(state.effort, limits)
+    return state, FuzzyTerms(
+        state.error, state.derivative, 0.0, 0.0, 0.0, state.effort, effort, True
+    )
+
+
+def transfer(
+    initial: PidState,
+    seen: float,
+    sample: Sample,
+    effort: float,
+    constants: Constants,
+    limits: Limits,
+) -> PidState:
+    """Return the memory with which a moving plant is taken over: in the form pi, U goes on from the torque.
+
+    The form pd has nothing that could absorb the difference: the command makes it up in bounded steps.
+    """
+    memory = PidState(0.0, sample.reference - seen, seen, 0.0, effort, True)
+    if constants[2]:
+        _, terms = fuzzy_update(memory, sample, constants, limits)
+        integral = effort - terms.integral
+        if integral - integral == 0.0:
+            memory = PidState(integral, memory.error, seen, 0.0, effort, True)
+    return memory
+
+
+def reconfigure(memory: PidState, sample: Sample, before: Constants, after: Constants) -> PidState:
+    """Return the memory under new constants: U has no gain in it, and begins at the last command."""
+    if not memory.started or before[2] == after[2]:
+        return memory
+    integral = memory.effort if after[2] else 0.0
+    return PidState(
+        integral, memory.error, memory.measurement, memory.derivative, memory.effort, True
+    )
+
+
+def inputs(state: PidState, sample: Sample, limits: Limits) -> tuple[float, float]:
+    """Return the error and its derivative, the inputs of the rules."""
+    s = sample
+    error = s.reference - s.measurement
+    return error, error_derivative(state, error, s.measurement, s.rate, s.dt, limits)
+
+
+def cell(error: float, error_rate: float, constants: Constants) -> TorqueCell:
+    """Return the four rules that fire."""
+    rules = constants[0]
+    i, _ = locate(error, rules.error_peaks)
+    j, _ = locate(error_rate, rules.rate_peaks)
+    columns = len(rules.rate_peaks)
+    corner = i * columns + j
+    below = corner + columns
+    return TorqueCell(
+        *cell_edges(i, rules.error_peaks, j, rules.rate_peaks),
+        rules.table[corner],
+        rules.table[corner + 1],
+        rules.table[below],
+        rules.table[below + 1],
+    )
+
+
+def near(rules_near: TorqueCell, constants: Constants) -> Constants:
+    """Return the constants with only these four rules."""
+    c = rules_near
+    rules = TorqueRules(
+        (c.error_left, c.error_right),
+        (c.rate_left, c.rate_right),
+        (c.u_00, c.u_01, c.u_10, c.u_11),
+    )
+    return rules, constants[1], constants[2]
+
+
+def describe(config: FuzzyConfig) -> str:
+    """Return the form, and a note if the rules are not the shipped ones."""
+    custom = ", custom rules" if config.rules != FuzzyConfig().rules else ""
+    return config.form.upper() + custom
+
+
+UNITS = {
+    "error": "rad",
+    "error_rate": "rad/s",
+    "output": "",
+    "table_term": "N m",
+    "integral": "N m",
+    "unsaturated": "N m",
+    "effort": "N m",
+}
+LOOKUP = Lookup(inputs, cell, near, TorqueCell)
+LAW = Law(
+    "fuzzy",
+    "Fuzzy",
+    FuzzyConfig,
+    fuzzy_update,
+    PidState(),
+    FuzzyTerms,
+    UNITS,
+    transfer,
+    reconfigure,
+    describe,
+    LOOKUP,
+)

@@ -1,0 +1,70 @@
+"""Rule bases of any size: CPython, the compiled loop and lanes have the same bits; recordings verify."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trunk_experiments.batch.block import regular_run, run_block, summary_of
+from trunk_experiments.batch.check import first_difference
+from trunk_experiments.batch.columns import LANES
+from trunk_experiments.batch.compiled_run import Batch
+from trunk_experiments.batch.random_plans import Draw, rule_base
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.explain import explain
+from trunk_experiments.replay.verify import verdict_on
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_experiments.views.report import make_report
+from trunk_experiments.views.report_page import render
+from trunk_experiments.views.run_view import RunView
+from trunk_msgs_util.parameters.declarations import build, values_of
+
+SIZES = [(2, 2), (3, 5), (5, 5), (64, 64), (9, 2)]
+
+
+def plan_of(law, size, **more):
+    draw = Draw(np.random.default_rng(size), 0.3)
+    plan = make_plan("fig8", law, everywhere={"duration": 0.3, "update_rate": 1000.0})
+    values = {**values_of(plan.controller), **rule_base(draw, law, *size), **more}
+    return plan.with_controller(build(type(plan.controller), values))
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return Batch()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["fuzzy_pid", "fuzzy"])
+def test_compiled_code_and_lanes_have_cpythons_bits(law, batch):
+    """One compilation for all sizes: tables are arrays to compiled code."""
+    form = {"fuzzy.form": "pi"} if law == "fuzzy" else {"fuzzy.consequents": "log"}
+    plans = [plan_of(law, size) for size in SIZES] + [plan_of(law, (4, 6), **form)]
+    assert [first_difference(plan, batch) for plan in plans] == [None] * len(plans)
+    for plan in plans:
+        runs = [
+            replace(plan, simulator=replace(plan.simulator, trunk_mass=0.4 + 0.01 * i))
+            for i in range(LANES)
+        ]
+        lanes = run_block(law, [regular_run(run) for run in runs])
+        assert lanes == [summary_of(run, batch) for run in runs]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "size"), [("fuzzy_pid", (3, 5)), ("fuzzy", (64, 64))])
+def test_a_recording_is_verified_explained_and_reported(law, size, tmp_path):
+    plan = plan_of(law, size)
+    record_offline(plan, tmp_path / "run.mcap")
+    run = RecordedRun.open(tmp_path / "run.mcap")
+    assert verdict_on(run).word == "verified"
+    explanation = explain(run, 0.2)
+    assert explanation.agrees
+    rule = explanation.rules[0]
+    assert rule.error_label in plan.controller.axes.error
+    assert rule.rate_label in plan.controller.axes.rate
+    assert list(explanation.changed) == [f"rules.{table.name}" for table in plan.controller.tables]
+    page = render(make_report([RunView.read(run)]))
+    assert page.count('<th scope="col">r') >= size[1]
