@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_control.controller import Controller
 from trunk_control.fuzzy_pid import FuzzyPidConfig, fuzzy_pid_update
+from trunk_control.fuzzy_torque import FuzzyConfig
 from trunk_control.law import Sample
 from trunk_control.lqr import LqrConfig
 from trunk_control.pid import LAW as PID
@@ -28,8 +29,10 @@ every = pytest.mark.parametrize(
         (Controller, FuzzyPidConfig(**FREE)),
         (Controller, LqrConfig(**FREE)),
         (Controller, ComputedTorqueConfig(**FREE)),
+        (Controller, FuzzyConfig(**FREE)),
+        (Controller, FuzzyConfig(form="pi", **FREE)),
     ],
-    ids=["pid", "fuzzy_pid", "lqr", "computed_torque"],
+    ids=["pid", "fuzzy_pid", "lqr", "computed_torque", "fuzzy", "fuzzy_pi"],
 )
 
 

@@ -21,6 +21,7 @@ from trunk_control.fuzzy import (
     rules_of,
 )
 from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.fuzzy_torque import TorqueRules, table_output
 
 PRINTED = FuzzyPidConfig().rules
 
@@ -109,9 +110,10 @@ values = st.floats(-10.0, 10.0)
 @given(values, values, rule_bases())
 @settings(max_examples=300)
 def test_four_rules_equal_all_for_any_tables_and_peaks(error, error_rate, rules):
-    assert infer(error, error_rate, rules) == pytest.approx(
-        all_rules(error, error_rate, rules), rel=0.0, abs=1e-14
-    )
+    inferred = infer(error, error_rate, rules)
+    assert inferred == pytest.approx(all_rules(error, error_rate, rules), rel=0.0, abs=1e-14)
+    torque = TorqueRules(rules.error_peaks, rules.rate_peaks, rules.alpha)
+    assert table_output(error, error_rate, torque) == inferred[2]
 
 
 @given(values, values, rule_bases())

@@ -56,7 +56,8 @@ def markdown_rows(node: str) -> dict[str, str]:
         allowed = ", ".join(declaration.choices) or declaration.bounds()
         default = value_text(declaration.default)
         if len(default) > 40:
-            default = "as printed" if declaration.name.startswith("rules") else "even"
+            table = "antidiagonal" if declaration.name == "rules.u" else "as printed"
+            default = table if declaration.table else "even"
         size = f"[{declaration.length}]" if declaration.length is not None else ""
         if declaration.longest is not None:
             least = f"{declaration.shortest}…" if declaration.shortest else "≤"
