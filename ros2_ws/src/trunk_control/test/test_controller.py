@@ -15,7 +15,6 @@ from trunk_control.fuzzy_pid import FuzzyPidConfig, fuzzy_pid_update
 from trunk_control.fuzzy_torque import FuzzyConfig
 from trunk_control.law import Sample
 from trunk_control.lqr import LqrConfig
-from trunk_control.pid import LAW as PID
 from trunk_control.pid import PidConfig, pid_update
 from trunk_control.pid_family import PidState
 from trunk_msgs_util.units import period_ns
@@ -69,7 +68,7 @@ def test_command_is_held_between_due_instants(make, config):
     state = controller.memory
     for k in range(1, 10):
         held = controller.update(k * MS, 0.3 + k, -k)
-        assert (held.effort, held.updated, held.terms) == (due.effort, False, PID.no_terms)
+        assert (held.effort, held.updated, held.terms) == (due.effort, False, controller.law.no_terms)
         assert (held.active, held.held) == (True, False)
         assert controller.memory == state
     assert controller.update(10 * MS, 0.4, 0.1).updated

@@ -149,7 +149,7 @@ class FuzzyCell(NamedTuple):
 def cell_edges(
     i: int, error_peaks: Sequence[float], j: int, rate_peaks: Sequence[float]
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return where the cell at the i-th peak of e and the j-th of e_dot holds, and its peaks.
+    """Return the range and the peaks of the cell at the i-th peak of e and the j-th of e_dot.
 
     In the order of `FuzzyCell`: a cell at the edge holds without end.
     """
