@@ -79,7 +79,7 @@ def test_an_untouched_copy_is_verified_and_identical(whole, tmp_path):
     assert not found.provenance
 
 
-CHANGES = {
+EDITS = {
     "one bit of one command": lambda m: flip_last_bit(of(m, COMMAND)[700]),
     "one bit of one measured state": lambda m: flip_last_bit(of(m, STATE)[300]),
     "one bit of one true state": lambda m: flip_last_bit(of(m, TRUTH)[300]),
@@ -102,7 +102,7 @@ CHANGES = {
 
 @pytest.mark.slow
 @pytest.mark.one_in(5)
-@pytest.mark.parametrize("edit", CHANGES.values(), ids=CHANGES.keys())
+@pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS.keys())
 def test_a_change_diverges_by_recomputation_alone(whole, tmp_path, edit):
     verdict = verify(copied(whole, tmp_path / "changed.mcap", edit, digests=NONE))
     assert verdict.exit_code == DIVERGES
@@ -111,7 +111,7 @@ def test_a_change_diverges_by_recomputation_alone(whole, tmp_path, edit):
 
 @pytest.mark.slow
 def test_one_bit_of_one_command_is_found_at_its_step_one_ulp_apart(whole, tmp_path):
-    copy = copied(whole, tmp_path / "changed.mcap", CHANGES["one bit of one command"], digests=NONE)
+    copy = copied(whole, tmp_path / "changed.mcap", EDITS["one bit of one command"], digests=NONE)
     commands = next(p for p in verify(copy).checks if p.name == "commands of fuzzy_pid")
     assert commands.wrong_steps == 1
     assert commands.first[0].stamp_ns == 700_000_000
