@@ -241,7 +241,7 @@ def test_two_grids_make_a_map():
     vary = {**LISTED, "speed": trunk.grid("simulator.initial.velocity[0]", [0.5, 1.0])}
     swept = trunk.sweep(trunk.study("fig6", ["pid"], vary, duration=0.5))
     panel = swept.map("trunk_mass", "speed").figure.axes[0]
-    assert (panel.get_xlabel(), panel.get_ylabel()) == ("trunk_mass", "speed")
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("trunk_mass (kg)", "speed (m/s)")
 
 
 def test_frames_have_units(run, swept):

@@ -100,7 +100,7 @@ def series_of(arrays: JointArrays, columns: Collection[Column]) -> Series:
 
 
 def in_turn(series: Sequence[Series]) -> Series:
-    """Return several topics with the same columns merged into one, by increasing stamp."""
+    """Return the columns that several topics share, merged into one by increasing stamp."""
     if len(series) == 1:
         return series[0]
     stamp_ns, rows = np.unique(np.concatenate([s.stamp_ns for s in series]), return_index=True)
@@ -109,6 +109,7 @@ def in_turn(series: Sequence[Series]) -> Series:
         {
             column: np.concatenate([s.columns[column] for s in series])[rows]
             for column in series[0].columns
+            if all(column in s.columns for s in series)
         },
     )
 
