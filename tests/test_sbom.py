@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from importlib import metadata
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -22,9 +24,8 @@ pytestmark = [
 ]
 
 
-@pytest.fixture
 def environment():
-    """What cyclonedx-py says of this environment, as far as it is needed."""
+    """Return what cyclonedx-py says of this environment, as far as it is needed."""
     components = [
         {
             "type": "library",
@@ -45,16 +46,21 @@ def environment():
     }
 
 
-@pytest.fixture
-def make(environment, tmp_path, capsys):
-    def run():
-        file = tmp_path / "environment.json"
-        file.write_text(json.dumps(environment))
+def make(folder, of):
+    """Return exit code, output and errors of the script for an environment."""
+    file = folder / "environment.json"
+    file.write_text(json.dumps(of))
+    with redirect_stdout(StringIO()) as output, redirect_stderr(StringIO()) as errors:
         code = sbom.main(str(file))
-        output, errors = capsys.readouterr()
-        return code, output, errors
+    return code, output.getvalue(), errors.getvalue()
 
-    return run
+
+@pytest.fixture(scope="module")
+def text(tmp_path_factory):
+    """The bill of materials of this environment."""
+    code, output, errors = make(tmp_path_factory.mktemp("sbom"), environment())
+    assert (code, errors) == (0, "")
+    return output
 
 
 def required():
@@ -71,11 +77,9 @@ def required():
     return found
 
 
-def test_every_runtime_requirement_is_listed_with_version_hashes_and_licence(make):
-    code, output, errors = make()
-    assert (code, errors) == (0, "")
+def test_every_runtime_requirement_is_listed_with_version_hashes_and_licence(text):
     listed = {}
-    for component in json.loads(output)["components"]:
+    for component in json.loads(text)["components"]:
         [files] = [e for e in component["externalReferences"] if e["type"] == "distribution"]
         digests = sorted(one["content"] for one in files["hashes"])
         listed[sbom.normal(component["name"])] = component["version"], digests
@@ -84,8 +88,8 @@ def test_every_runtime_requirement_is_listed_with_version_hashes_and_licence(mak
     assert listed == required()
 
 
-def test_tools_are_not_listed_and_nothing_depends_on_them(make):
-    document = json.loads(make()[1])
+def test_tools_are_not_listed_and_nothing_depends_on_them(text):
+    document = json.loads(text)
     refs = {component["bom-ref"] for component in document["components"]}
     assert not refs & {f"{name}=={metadata.version(name)}" for name in ("pytest", "mypy")}
     root, *others = document["dependencies"]
@@ -95,31 +99,35 @@ def test_tools_are_not_listed_and_nothing_depends_on_them(make):
     assert all(refs.issuperset(one["dependsOn"]) for one in [root, *others])
 
 
-def test_libraries_that_a_wheel_bundles_are_listed_with_their_hash(make):
-    document = json.loads(make()[1])
+def test_libraries_that_a_wheel_bundles_are_listed_with_their_hash(text):
+    document = json.loads(text)
     [fast_dds] = [one for one in document["components"] if one["name"] == "ros-fastrtps"]
     names = [one["name"] for one in fast_dds["components"]]
     assert any(name.startswith("libcrypto") for name in names)
     assert all(len(one["hashes"][0]["content"]) == 64 for one in fast_dds["components"])
 
 
-def test_the_same_environment_gives_the_same_bytes(make, environment):
-    first = make()
-    environment["components"].reverse()
-    second = make()
-    assert json.loads(first[1])["components"] == json.loads(second[1])["components"]
-    assert not any(word in first[1] for word in ("serialNumber", "timestamp", str(ROOT)))
+def test_the_same_environment_gives_the_same_bytes(text, tmp_path):
+    other = environment()
+    other["components"].reverse()
+    assert json.loads(text)["components"] == json.loads(make(tmp_path, other)[1])["components"]
+    assert not any(word in text for word in ("serialNumber", "timestamp", str(ROOT)))
 
 
-def test_a_version_other_than_the_locked_one_is_refused(make, environment):
-    [numpy] = [one for one in environment["components"] if one["name"] == "numpy"]
+def test_a_version_other_than_the_locked_one_is_refused(tmp_path):
+    other = environment()
+    [numpy] = [one for one in other["components"] if one["name"] == "numpy"]
     numpy["version"] = "1.0"
-    assert make()[::2] == (
+    assert make(tmp_path, other)[::2] == (
         1,
         f"sbom: numpy 1.0 is installed, requirements/ pin {metadata.version('numpy')}\n",
     )
 
 
-def test_a_requirement_that_is_not_installed_is_named(make, environment):
-    environment["components"] = [c for c in environment["components"] if c["name"] != "click"]
-    assert make()[::2] == (1, "sbom: not installed: click; run scripts/bootstrap.sh\n")
+def test_a_requirement_that_is_not_installed_is_named(tmp_path):
+    other = environment()
+    other["components"] = [c for c in other["components"] if c["name"] != "click"]
+    assert make(tmp_path, other)[::2] == (
+        1,
+        "sbom: not installed: click; run scripts/bootstrap.sh\n",
+    )

@@ -2,44 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 
+from .params import Verb, params, values
 from .peer import Peer
-from .processes import PATIENT, Children
+from .processes import Children
 
 pytestmark = pytest.mark.graph
 
-Apply = Callable[..., tuple[int, list[str], list[str]]]
-
 
 @pytest.fixture
-def apply(children: Children) -> Apply:
-    count = 0
-
-    def run(*arguments: object) -> tuple[int, list[str], list[str]]:
-        nonlocal count
-        count += 1
-        # Of two limits the last counts.
-        child = children.trunk("params", "apply", *PATIENT, *arguments, name=f"apply-{count}")
-        code = child.wait()
-        assert "Traceback" not in child.stderr
-        return code, child.stdout.splitlines(), child.stderr.splitlines()
-
-    return run
-
-
-def values(peer: Peer, node: str, *names: str) -> list[object]:
-    response = peer.call(GetParameters, f"/{node}/get_parameters", names=names)
-    return [parameter_value_to_python(value) for value in response.values]
+def apply(children: Children) -> Verb:
+    return params(children, "apply")
 
 
 def test_a_file_is_applied_as_a_whole(
-    children: Children, peer: Peer, apply: Apply, tmp_path: Path
+    children: Children, peer: Peer, apply: Verb, tmp_path: Path
 ) -> None:
     pid = children.node("pid")
     peer.until_up("pid")
@@ -81,7 +63,7 @@ def test_a_file_is_applied_as_a_whole(
 
 
 def test_rule_tables_in_a_namespace(
-    children: Children, peer: Peer, apply: Apply, tmp_path: Path
+    children: Children, peer: Peer, apply: Verb, tmp_path: Path
 ) -> None:
     node = children.node("fuzzy_pid", "-r", "__ns:=/robot2")
     peer.hear_run("/robot2")
@@ -106,7 +88,7 @@ def test_rule_tables_in_a_namespace(
 
 
 def test_mistakes_are_reported_in_one_line(
-    children: Children, peer: Peer, apply: Apply, tmp_path: Path
+    children: Children, peer: Peer, apply: Verb, tmp_path: Path
 ) -> None:
     node = children.node("pid", "-r", "__node:=spare")
     peer.until_up("spare")
@@ -135,7 +117,7 @@ def test_mistakes_are_reported_in_one_line(
 
 
 def test_numbers_with_units_are_set_in_si(
-    children: Children, peer: Peer, apply: Apply, tmp_path: Path
+    children: Children, peer: Peer, apply: Verb, tmp_path: Path
 ) -> None:
     node = children.node("disturbance", "pulse.channel:=hip_effort")
     peer.until_up("disturbance")

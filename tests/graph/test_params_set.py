@@ -2,43 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 
+from .params import Verb, params, values
 from .peer import Peer
 from .processes import PATIENT, Children
 
 pytestmark = pytest.mark.graph
 
-Set = Callable[..., tuple[int, list[str], list[str]]]
-
 
 @pytest.fixture
-def set_values(children: Children) -> Set:
-    count = 0
-
-    def run(*arguments: object) -> tuple[int, list[str], list[str]]:
-        nonlocal count
-        count += 1
-        # Of two limits the last counts.
-        child = children.trunk("params", "set", *PATIENT, *arguments, name=f"set-{count}")
-        code = child.wait()
-        assert "Traceback" not in child.stderr
-        return code, child.stdout.splitlines(), child.stderr.splitlines()
-
-    return run
+def set_values(children: Children) -> Verb:
+    return params(children, "set")
 
 
-def values(peer: Peer, node: str, *names: str) -> list[object]:
-    response = peer.call(GetParameters, f"{node}/get_parameters", names=names)
-    return [parameter_value_to_python(value) for value in response.values]
-
-
-def test_values_are_set_in_one_transaction(children: Children, peer: Peer, set_values: Set) -> None:
+def test_values_are_set_in_one_transaction(
+    children: Children, peer: Peer, set_values: Verb
+) -> None:
     pid = children.node("pid")
     peer.until_up("pid")
     gains = ("gains.p=70", "gains.d=9.5", "u_clamp_max=inf")
@@ -78,7 +62,7 @@ def test_values_are_set_in_one_transaction(children: Children, peer: Peer, set_v
     assert pid.stop() == 0, pid.stderr
 
 
-def test_a_node_in_a_namespace_and_none(children: Children, peer: Peer, set_values: Set) -> None:
+def test_a_node_in_a_namespace_and_none(children: Children, peer: Peer, set_values: Verb) -> None:
     node = children.node("pid", "-r", "__ns:=/robot2")
     peer.hear_run("/robot2")
     peer.until_up("/robot2/pid")
@@ -99,7 +83,7 @@ def test_a_node_in_a_namespace_and_none(children: Children, peer: Peer, set_valu
 
 
 def test_a_running_node_gets_the_numbers_of_a_csv_file(
-    children: Children, peer: Peer, set_values: Set, tmp_path: Path
+    children: Children, peer: Peer, set_values: Verb, tmp_path: Path
 ) -> None:
     (tmp_path / "ref.csv").write_text("t [ms],reference\n0,0.5\n100,0.25\n")
     (tmp_path / "mine.yaml").write_text(

@@ -144,6 +144,7 @@ def test_the_reward_is_the_cost_of_error_and_torque():
 
 
 @pytest.mark.slow
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("action", ["torque", "gains"])
 @each_option
 def test_the_same_seed_gives_the_same_bits_alone_and_in_any_lane(options, action):

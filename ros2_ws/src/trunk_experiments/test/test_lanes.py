@@ -108,8 +108,8 @@ def test_a_lane_that_diverges_stops_alone(batch):
 
 def test_a_fall_that_ends_its_run_leaves_the_others(batch):
     settings = ["simulator.fall.stop=true", "simulator.fall.angle=0.42"]
-    plans = different("lqr", settings)
-    left = [one is None for one in run_block("lqr", [regular_run(plan) for plan in plans])]
+    plans = different("pid", settings)
+    left = [one is None for one in run_block("pid", [regular_run(plan) for plan in plans])]
     assert 0 < sum(left) < LANES
     states = [len(batch.run(plan).table.t) for plan in plans]
     assert left == [count < 601 for count in states]
@@ -166,7 +166,7 @@ SCALAR = {"pid": 3, "lqr": 3, "computed_torque": 3, "fuzzy_pid": 7, "fuzzy": 7}
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=() if n == "fuzzy_pid" else pytest.mark.long) for n in CONTROLLERS],
+    [pytest.param(n, marks=() if n == "pid" else pytest.mark.long) for n in CONTROLLERS],
 )
 def test_the_loops_over_lanes_are_vector_code(name):
     """The law's update, the plant's steps, the sums: no scalar division of a lane's numbers is left.

@@ -1,0 +1,211 @@
+"""Controllers that take over from each other, or join, while the plant moves."""
+
+from __future__ import annotations
+
+import struct
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trunk_experiments.replay.verdict import Verdict
+from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.reader import Recording
+
+from ..edited import ANEW, copied
+from .lifecycle import Life
+from .peer import Peer
+from .processes import Child, Children
+from .verbs import said, verified
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
+    """One controller is deactivated, then another activated, while the plant moves in real time."""
+    recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
+    nodes = [children.node("pid"), children.node("fuzzy_pid", "autostart:=false")]
+    peer.until_up("fuzzy_pid")
+    pid, fuzzy_pid = Life(peer, "pid"), Life(peer, "fuzzy_pid")
+    assert fuzzy_pid.change("configure")
+    truth = peer.hear(topics.GROUND_TRUTH)
+    simulator = children.node("simulator", "duration:=0.0")
+    peer.until_recorded(500)
+    peer.until(lambda: float(peer.fresh_diagnostics("fuzzy_pid")["time"]) > 0.0, "it follows")
+    assert pid.change("deactivate")
+    assert fuzzy_pid.change("activate")
+    fresh = len(truth) + 200
+    peer.until(lambda: len(truth) > fresh, "the run goes on")
+    for child in (simulator, *nodes, recorder):
+        assert child.stop() == 0, child.stderr
+
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert verify(recording).exit_code == VERIFIED, verify(recording)
+    turned = {(e.node, e.message): e.stamp_ns for e in recording.events() if e.stamp_ns > 0}
+    assert turned["/pid", "deactivated"] <= turned["/fuzzy_pid", "activated"]
+    first = recording.joints("/fuzzy_pid/state").stamp_ns[0]
+    assert first > turned["/fuzzy_pid", "activated"]
+    # Its first command is the torque that acted at that time.
+    states, commands = recording.joints("/joint_states"), recording.joints("/effort_command")
+    acting = states.column("effort", "trunk")[states.stamp_ns == first]
+    assert commands.column("effort", "trunk")[commands.stamp_ns == first] == pytest.approx(acting)
+    # Repeated offline, no controller commands between the two either.
+    said("simulate", "--like", tmp_path / "run.mcap", "-o", tmp_path / "again.mcap")
+    repeated = Recording.open(tmp_path / "again.mcap")
+    assert verify(repeated).exit_code == VERIFIED, verify(repeated)
+    truth_ns = repeated.joints("/ground_truth/joint_states").stamp_ns
+    idle_ns = np.setdiff1d(truth_ns, repeated.joints("/effort_command").stamp_ns)
+    a, b = turned["/pid", "deactivated"], turned["/fuzzy_pid", "activated"]
+    assert idle_ns.tolist() == truth_ns[(truth_ns > a) & (truth_ns <= b)].tolist()
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_controller_joins_a_run_under_way(children: Children, peer: Peer, tmp_path: Path) -> None:
+    """It is active from the first state that it receives, and the recording says so."""
+    recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
+    pid = children.node("pid")
+    truth = peer.hear(topics.GROUND_TRUTH)
+    simulator = children.node("simulator", "duration:=0.0")
+    peer.until(lambda: len(truth) > 100, "the run goes on")
+    assert Life(peer, "pid").change("deactivate")
+    updates = peer.hear(topics.controller_state("fuzzy_pid"))
+    fuzzy_pid = children.node("fuzzy_pid")
+    peer.until(lambda: len(updates) > 100, "it answers")
+    for child in (simulator, fuzzy_pid, pid, recorder):
+        assert child.stop() == 0, child.stderr
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert verify(recording).exit_code == VERIFIED, verify(recording)
+    turns = [e for e in recording.events() if e.node == "/fuzzy_pid" and e.message == "activated"]
+    first = recording.joints("/fuzzy_pid/state").stamp_ns[0]
+    assert [turn.stamp_ns for turn in turns] == [-1, first - 1]
+
+
+def test_a_controller_that_outlives_the_recorder_is_not_held_against_the_run(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    """How many commands it gave is not on record; those that are there follow, and it is not accused."""
+    recorder = children.node("recorder", "output:=run.mcap")
+    pid, fuzzy_pid = children.node("pid"), children.node("fuzzy_pid", "autostart:=false")
+    peer.until_up("fuzzy_pid")
+    life = Life(peer, "fuzzy_pid")
+    assert life.change("configure")
+    updates = peer.hear(topics.controller_state("fuzzy_pid"))
+    simulator = children.node("simulator", "duration:=0.0")
+    peer.until_recorded(300)
+    assert Life(peer, "pid").change("deactivate")
+    assert life.change("activate")
+    peer.until(lambda: len(updates) > 100, "it answers")
+    for child in (simulator, pid, recorder, fuzzy_pid):
+        assert child.stop() == 0, child.stderr
+    path = tmp_path / "run.mcap"
+    recording = Recording.open(path)
+    assert {e.node for e in recording.events() if e.message == "published"} == {
+        "/simulator",
+        "/pid",
+    }
+    verdict = verify(recording)
+    assert verdict.exit_code == VERIFIED, verdict.reasons
+    given = [len(recording.joints(f"/{name}/state")) for name in ("pid", "fuzzy_pid")]
+    states = len(recording.joints("/ground_truth/joint_states"))
+    assert min(given) > 0
+    assert [(check.name, check.steps) for check in verdict.checks] == [
+        ("commands of pid", given[0]),
+        ("commands of fuzzy_pid", given[1]),
+        ("measured states", states),
+        ("states of the plant", states),
+        ("inputs of the plant", states),
+    ]
+
+    def without_terms(name: str, messages: list[list]) -> None:
+        own = [m for m in messages if m[0] == f"/{name}/state"]
+        messages.remove(own[len(own) // 2])
+
+    def turned_round(name: str, messages: list[list]) -> None:
+        for message in messages:
+            if message[0] == "/effort_command" and f"\0{name}@".encode() in message[2]:
+                message[2] = message[2][:-1] + bytes([message[2][-1] ^ 0x80])
+
+    for edit, name, code in (
+        (without_terms, "fuzzy_pid", UNJUDGED),  # it may never have been received
+        (without_terms, "pid", DIVERGES),  # which said how many there were
+        (turned_round, "fuzzy_pid", DIVERGES),  # the plant's inputs tell what acted
+    ):
+        found = verify(copied(path, tmp_path / "edited.mcap", partial(edit, name), ANEW))
+        assert found.exit_code == code, (edit.__name__, name, found.reasons)
+
+
+def run_swapped(children: Children, *arguments: object) -> Child:
+    return children.trunk(
+        "run", "demo", "--controller", "pid", "--swap-at", "0.5:fuzzy_pid", "--swap-at", "1:pid",
+        "--duration", 1.5, "--output", "run", *arguments,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "composed",
+    [False, pytest.param(True, marks=pytest.mark.long)],
+    ids=["processes", "composed"],
+)
+def test_a_swap_in_lockstep_has_the_offline_bits(
+    children: Children, tmp_path: Path, composed: bool
+) -> None:
+    run = run_swapped(children, "--lockstep", *(["--composed"] if composed else []))
+    assert run.wait() == 0, run.stderr
+    children.none_left()
+    path = tmp_path / "run" / "run.mcap"
+    said("simulate", "--like", path, "-o", tmp_path / "again.mcap")
+    said("diff", path, tmp_path / "again.mcap")
+    rows = [" ".join(line.split()) for line in verified(path).splitlines()]
+    assert "commands of pid 0 s 1.5 s 201 verified" in rows
+    assert "commands of fuzzy_pid 0.5 s 0.995 s 100 verified" in rows
+
+    counts = {"fuzzy_pid": b"100", "pid": b"201"}
+
+    def told(node: str, at_ns: int, count: bytes) -> Verdict:
+        """Judge the run as if a node had counted its messages at another state, and as so many."""
+
+        def edit(messages: list[list]) -> None:
+            words = (f"/{node}\0".encode(), b"published\0")
+            events = [m for m in messages if m[0] == "/run/events"]
+            (message,) = (m for m in events if all(word in m[2] for word in words))
+            stamp = struct.pack("<iI", *divmod(at_ns, 1_000_000_000))
+            message[2] = message[2][:4] + stamp + message[2][12:]
+            assert counts[node] + b"\0" in message[2]
+            message[2] = message[2].replace(counts[node] + b"\0", count + b"\0")
+            message[1] = message[3] = at_ns
+
+        return verify(copied(path, tmp_path / "edited.mcap", edit, ANEW))
+
+    false = {"fuzzy_pid": (b"101", b"999"), "pid": (b"200", b"202")}
+    # No state depends on when it was counted; what was counted is there, no more and no less.
+    for node, last_ns in (("fuzzy_pid", 995_000_000), ("pid", 1_500_000_000)):
+        for at_ns in (last_ns - 5_000_000, last_ns, 1_420_000_000):
+            assert told(node, at_ns, counts[node]).exit_code == VERIFIED, (node, at_ns)
+        for count in false[node]:
+            assert told(node, last_ns, count).contradictions, (node, count)
+
+
+@pytest.mark.long
+def test_a_swap_in_real_time(children: Children, tmp_path: Path) -> None:
+    run = run_swapped(children)
+    assert run.wait() == 0, run.stderr
+    children.none_left()
+    recording = Recording.open(tmp_path / "run" / "run.mcap")
+    assert verify(recording).exit_code == VERIFIED, verify(recording)
+    stamps = {name: recording.joints(f"/{name}/state").stamp_ns for name in ("pid", "fuzzy_pid")}
+    assert not np.intersect1d(*stamps.values()).size
+    assert (stamps["fuzzy_pid"] >= 500_000_000).all()
+    assert (stamps["fuzzy_pid"] < 1_000_000_000).all()
+    assert not ((stamps["pid"] >= 500_000_000) & (stamps["pid"] < 1_000_000_000)).any()
+    kp = {n: recording.joints(f"/{n}/state").column("position", "kp") for n in stamps}
+    assert set(kp["pid"]) == {60.0}
+    assert set(kp["fuzzy_pid"]) > {60.0} or 60.0 not in kp["fuzzy_pid"]
+    # Each first command of a turn is the torque that acted when it was computed.
+    states, commands = recording.joints("/joint_states"), recording.joints("/effort_command")
+    for first in (stamps["fuzzy_pid"][0], stamps["pid"][stamps["pid"] >= 1_000_000_000][0]):
+        acting = states.column("effort", "trunk")[states.stamp_ns == first]
+        given = commands.column("effort", "trunk")[commands.stamp_ns == first]
+        assert given == pytest.approx(acting)
