@@ -23,7 +23,8 @@ def libraries():
 
 @pytest.mark.usefixtures("libraries")
 def test_rows():
-    fuzzy, pid, fuzzy_pid = bench.bench_core(rounds=1)
+    fuzzy, pid, fuzzy_pid, large = bench.bench_core(rounds=1)
+    assert (large.goal, large.ratio) == ("", large.ours_s / large.theirs_s)
     assert (fuzzy.goal, pid.goal, fuzzy_pid.goal) == (">= 2000", "<= 2", "")
     assert fuzzy.ratio == fuzzy.theirs_s / fuzzy.ours_s  # of one round: no median yet
     assert pid.ratio == pid.ours_s / pid.theirs_s

@@ -21,6 +21,7 @@ from trunk_control.law import Sample
 from trunk_control.limits import DERIVATIVE_ON_MEASUREMENT, Limits
 from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState
+from trunk_control.rule_tables import MOST
 
 from ..errors import BenchError
 from ..rulebase.exporting import written
@@ -62,6 +63,7 @@ def bench_core(rounds: int = 9) -> list[BenchRow]:
     fuzzylite = library("fuzzylite", pyfuzzylite, "--no-deps -r requirements/fuzzy.txt")
     simple = library("simple_pid", simple_pid, "-r requirements/dev.txt")
     config = FuzzyPidConfig()
+    large = large_rules()
     times = _measure(
         {
             "infer": _infer_batch(config),
@@ -69,6 +71,7 @@ def bench_core(rounds: int = 9) -> list[BenchRow]:
             "pid_update": _pid_batch(),
             simple_pid: _simple_pid_batch(simple),
             "fuzzy_pid_update": _fuzzy_pid_batch(config),
+            "large": _infer_batch(large),
         },
         rounds,
     )
@@ -103,7 +106,34 @@ def bench_core(rounds: int = 9) -> list[BenchRow]:
             "",
             None,
         ),
+        BenchRow(
+            "fuzzy inference, 64 x 64 rules (ours) / 7 x 7 (theirs), in CPython",
+            median(times["large"]),
+            median(times["infer"]),
+            ratio("large", "infer"),
+            "",
+            None,
+        ),
     ]
+
+
+def large_rules() -> FuzzyPidConfig:
+    """Return the largest rule base: 64 x 64 numbers, drawn with a fixed seed."""
+    random, count = Random(4), MOST
+    peaks = tuple(2.0 * i / (count - 1) - 1.0 for i in range(count))
+
+    def table(low: float, high: float) -> tuple[str, ...]:
+        return tuple(
+            " ".join(f"{random.uniform(low, high):.3f}" for _ in range(count)) for _ in range(count)
+        )
+
+    return FuzzyPidConfig(
+        error_peaks=peaks,
+        rate_peaks=peaks,
+        rules_kp=table(0.0, 1.0),
+        rules_kd=table(0.0, 1.0),
+        rules_alpha=table(2.0, 5.0),
+    )
 
 
 def library(module: str, package: str, requirements: str) -> Any:

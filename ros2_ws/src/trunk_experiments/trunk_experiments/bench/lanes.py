@@ -8,12 +8,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import fields, replace
 from statistics import median
 from time import perf_counter, process_time, sleep
 
 import numpy as np
 
+from trunk_control.controller_config import ControllerConfig
 from trunk_control.laws import law_named
 
 from ..batch.block import regular_run, run_block, summaries, summary_of
@@ -27,7 +28,7 @@ from ..study.design import design
 from ..study.file import parse_study
 from ..study.sweep import RunBlock
 from ..study.sweep import run_block as run_rows
-from .core import BenchRow
+from .core import BenchRow, large_rules
 
 LANES_GOAL = 3.0  # at least: a run's time alone over that in lanes
 WHOLE_GOAL = 1.3  # at most: a sweep's time over that of its loops
@@ -53,6 +54,7 @@ def bench_lanes(rounds: int) -> list[BenchRow]:
     batch = Batch()
     return [
         *(lanes_row(name, batch, rounds) for name in CONTROLLERS),
+        size_row(batch, rounds),
         growth_row(batch, rounds),
         whole_row(batch, rounds),
         cores_row(bench_plan(), rounds),
@@ -87,6 +89,22 @@ def lanes_row(controller: str, batch: Batch, rounds: int) -> BenchRow:
     return BenchRow(
         name, median(lanes), median(alone), ratio, f">= {LANES_GOAL:g}", ratio >= LANES_GOAL
     )
+
+
+def size_row(batch: Batch, rounds: int) -> BenchRow:
+    """Return the cost of a run in lanes with the largest rule base over that with the default one."""
+    plan = bench_plan()
+    shared = {f.name: getattr(plan.controller, f.name) for f in fields(ControllerConfig)}
+    few = varied(plan, FEW)
+    large = varied(plan.with_controller(replace(large_rules(), **shared)), FEW)
+    for plans in (few, large):
+        summaries(plans, batch)
+    ours, theirs = alternately(
+        rounds, FEW, lambda: summaries(large, batch), lambda: summaries(few, batch)
+    )
+    ratio = median(a / b for a, b in zip(ours, theirs, strict=True))
+    name = "a run in lanes with 64 x 64 rules (ours) / with 7 x 7 (theirs)"
+    return BenchRow(name, median(ours), median(theirs), ratio, "", None)
 
 
 def whole_row(batch: Batch, rounds: int) -> BenchRow:

@@ -23,16 +23,36 @@ from ..console.terminal import show_warnings
     type=click.IntRange(6, 9),
     help="Lay it out like the paper's figure: only the angles, in one plot.",
 )
+@click.option(
+    "--memberships",
+    "rules",
+    flag_value="memberships",
+    help="Draw the triangles of the rules' inputs, and the run's way through them; of one run.",
+)
+@click.option(
+    "--surface",
+    "rules",
+    flag_value="surface",
+    help="Draw what the rules infer over e and ė, and the run's way over it; of one run.",
+)
 @json_option("plot-1")
 def command(
-    runs: tuple[Path, ...], output: Path | None, force: bool, number: int | None, as_json: bool
+    runs: tuple[Path, ...],
+    output: Path | None,
+    force: bool,
+    number: int | None,
+    rules: str | None,
+    as_json: bool,
 ) -> None:
     """Draw one recorded run, or several overlaid, as PNG, SVG or PDF."""
+    if rules and (number or len(runs) > 1):
+        raise click.UsageError(f"--{rules}: give one run, and no --fig")
     from ..replay.doubts import doubts_of
     from ..views.plot_style import SUFFIXES, save
     from ..views.plots import overview, paper_figure
 
     default = Path(f"fig{number}.png") if number else default_name(runs[0], ".png")
+    default = default.with_stem(f"{default.stem}_{rules}") if rules else default
     target = check_output(output or default, tuple(SUFFIXES), force, runs, chooses_format=True)
     views = open_views(runs)
     doubts = [doubts_of(view.run, twin=False) for view in views]
@@ -42,7 +62,13 @@ def command(
         if number and scenario != f"fig{number}":
             show_warnings([f"{view.path}: its scenario is {scenario!r}, not 'fig{number}'"])
     show_warnings_of(views)
-    save(paper_figure(views, number) if number else overview(views), target)
+    if rules:
+        from ..views import rule_plots
+
+        figure = (rule_plots.surface if rules == "surface" else rule_plots.memberships)(views[0])
+    else:
+        figure = paper_figure(views, number) if number else overview(views)
+    save(figure, target)
     if as_json:
         documents = [
             run_values(view.run, run_doubts) for view, run_doubts in zip(views, doubts, strict=True)

@@ -20,7 +20,7 @@ from .run_view import INPUTS, Pulse, RunView, labels, off_scale
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Floats
 
-_SURFACE_POINTS = 61  # per side: evenly spaced peaks fall on grid points
+_SURFACE_POINTS = 61  # per side, at least: seven evenly spaced peaks fall on grid points
 _MOST_TEXT = 6_000_000  # characters of all columns; beyond it they are rounded
 _EXACT_ROWS = 150_000  # more are not even tried: they do not fit
 _BITS = (24, 20, 16)  # of a curve's usual range; 16 are 30 times what a screen can show
@@ -188,7 +188,7 @@ class Surface(NamedTuple):
 def surface_of(config: RuleBaseConfig) -> Surface:
     """Return the values that the rules of a controller infer, on a grid from its first peaks to its last."""
     errors, rates = (
-        np.linspace(peaks[0], peaks[-1], _SURFACE_POINTS, dtype=np.float64)
+        np.linspace(peaks[0], peaks[-1], max(_SURFACE_POINTS, 2 * len(peaks) - 1), dtype=np.float64)
         for peaks in config.peaks
     )
     infer = config.inference

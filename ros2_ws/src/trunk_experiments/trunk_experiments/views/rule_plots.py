@@ -1,0 +1,213 @@
+"""A run's rule base as pictures: the triangles of its inputs, the surfaces of its tables, its way."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from trunk_control.rule_base import RuleBaseConfig
+from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.units import NANOSECONDS
+
+from ..errors import PlanError
+from .plot_style import COLORS, STYLE
+from .report_data import surface_of
+from .run_view import RunView
+
+_MOST_LABELS = 13  # on one axis; more are thinned out
+_CELLS = 9  # rows and columns of a table whose cells are written into its surface
+
+
+class _Way(NamedTuple):
+    """The inputs of a run's updates."""
+
+    t: Floats  # s
+    error: Floats  # rad
+    rate: Floats  # rad/s
+
+
+class _Input(NamedTuple):
+    """One input of the rules, in the unit of its axis."""
+
+    title: str
+    peaks: Floats
+    labels: tuple[str, ...]
+    values: Floats  # of the updates
+
+
+def memberships(view: RunView) -> Figure:
+    """Return the triangles of e and e_dot with their labels, and below them the run's inputs over time.
+
+    Raises PlanError for a run whose law has no rules.
+    """
+    config, way = _rules_of(view)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(10.0, 6.4), layout="constrained")
+        grid = figure.add_gridspec(2, 2, height_ratios=(1.0, 1.5))
+        for column, axis in enumerate(_inputs(config, way)):
+            triangles = figure.add_subplot(grid[0, column])
+            path = figure.add_subplot(grid[1, column], sharex=triangles)
+            _triangles(triangles, axis)
+            _over_time(path, axis, way.t)
+            if column == 0:
+                triangles.set_ylabel("membership")
+                path.set_ylabel("time (s)")
+    return figure
+
+
+def surface(view: RunView) -> Figure:
+    """Return each table's surface over e and e_dot, with the peaks' labels and the run's way over it.
+
+    Raises PlanError for a run whose law has no rules.
+    """
+    config, way = _rules_of(view)
+    grid = surface_of(config)
+    error, rate = _inputs(config, way)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(4.9 * len(config.tables), 4.8), layout="constrained")
+        for index, table in enumerate(config.tables):
+            axes = figure.add_subplot(1, len(config.tables), index + 1)
+            drawn = axes.pcolormesh(
+                np.degrees(grid.errors),
+                grid.rates,
+                grid.values[:, :, index],
+                cmap="cividis",
+                shading="gouraud",
+            )
+            drawn.set_rasterized(True)
+            figure.colorbar(drawn, ax=axes, shrink=0.92, pad=0.02)
+            axes.grid(visible=False)
+            for place in error.peaks:
+                axes.axvline(place, color="white", linewidth=0.6, alpha=0.5, linestyle=":")
+            for place in rate.peaks:
+                axes.axhline(place, color="white", linewidth=0.6, alpha=0.5, linestyle=":")
+            _way_over(axes, error, rate)
+            _cells(axes, table.cells, error, rate)
+            axes.set_title(f"{table.title} of {view.title}" if index == 0 else table.title, pad=22)
+            axes.set_xlabel(error.title)
+            axes.set_ylabel(rate.title if index == 0 else "")
+            axes.set_xlim(error.peaks[0], error.peaks[-1])
+            axes.set_ylim(rate.peaks[0], rate.peaks[-1])
+            _labels_above(axes, error)
+            _labels_right(axes, rate)
+        handles, names = axes.get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _rules_of(view: RunView) -> tuple[RuleBaseConfig, _Way]:
+    config = view.controller
+    if not isinstance(config, RuleBaseConfig):
+        raise PlanError(
+            f"{view.path}: {view.title or 'its controller'} has no rules: give a run of fuzzy_pid or fuzzy"
+        )
+    terms = view.terms
+    if terms is None:
+        raise PlanError(
+            f"{view.path}: the terms of its controller were not recorded: record them too"
+        )
+    t = (terms.stamp_ns - view.run.begin_ns) / NANOSECONDS
+    return config, _Way(
+        t, terms.column("position", "error"), terms.column("position", "error_rate")
+    )
+
+
+def _inputs(config: RuleBaseConfig, way: _Way) -> tuple[_Input, _Input]:
+    error_peaks, rate_peaks = (np.array(peaks) for peaks in config.peaks)
+    axes = config.axes
+    return (
+        _Input("error e (°)", np.degrees(error_peaks), axes.error, np.degrees(way.error)),
+        _Input("its rate ė (rad/s)", rate_peaks, axes.rate, way.rate),
+    )
+
+
+def _shown(count: int) -> range:
+    """Return the places of the labels that have room, the first and the last among them where possible."""
+    return range(0, count, max(1, -(-(count - 1) // (_MOST_LABELS - 1))))
+
+
+def _range(axis: _Input) -> tuple[float, float]:
+    """Return the range of an axis: the universe and all inputs of the run, with a margin."""
+    margin = 0.08 * (axis.peaks[-1] - axis.peaks[0])
+    low = np.nanmin(axis.values, initial=axis.peaks[0]) - margin
+    return float(low), float(np.nanmax(axis.values, initial=axis.peaks[-1]) + margin)
+
+
+def _triangles(axes: Axes, axis: _Input) -> None:
+    """Draw the triangles; beyond the first and the last peak the membership stays 1."""
+    low, high = _range(axis)
+    feet = np.concatenate(([low], axis.peaks, [high]))
+    last = len(axis.peaks) - 1
+    for i, label in enumerate(axis.labels):
+        color = COLORS[i % len(COLORS)]
+        heights = (1.0 if i == 0 else 0.0, 1.0, 1.0 if i == last else 0.0)
+        axes.plot(feet[i : i + 3], heights, color=color, linewidth=1.3)
+        if i in _shown(len(axis.peaks)):
+            axes.text(axis.peaks[i], 1.03, label, ha="center", va="bottom", color=color)
+    axes.set_ylim(0.0, 1.14)
+    axes.set_yticks((0.0, 0.5, 1.0))
+    axes.tick_params(labelbottom=False)
+    axes.grid(visible=False, axis="x")
+
+
+def _over_time(axes: Axes, axis: _Input, t: Floats) -> None:
+    """Draw the run's input, time downwards, between the peaks."""
+    for peak in axis.peaks:
+        axes.axvline(peak, color="#bbbbbb", linewidth=0.6, linestyle=":")
+    axes.plot(axis.values, t, color="black", linewidth=1.1)
+    axes.set_xlabel(axis.title)
+    axes.grid(visible=False, axis="x")
+    if len(t) > 1:
+        axes.set_ylim(t[-1], t[0])
+    axes.set_xlim(*_range(axis))
+
+
+def _way_over(axes: Axes, error: _Input, rate: _Input) -> None:
+    """Draw the run's way; inputs beyond the edge act like the edge."""
+    e = np.clip(error.values, error.peaks[0], error.peaks[-1])
+    r = np.clip(rate.values, rate.peaks[0], rate.peaks[-1])
+    axes.plot(e, r, color="black", linewidth=2.6, solid_capstyle="round")
+    axes.plot(e, r, color="white", linewidth=1.0, solid_capstyle="round")
+    if len(e):
+        marks: dict[str, Any] = {"markeredgecolor": "black", "linestyle": "none", "zorder": 4}
+        axes.plot(e[:1], r[:1], marker="o", color="white", markersize=10, label="start", **marks)
+        axes.plot(e[-1:], r[-1:], marker="s", color="#E69F00", markersize=9, label="end", **marks)
+
+
+def _cells(axes: Axes, cells: tuple[tuple[str, ...], ...], error: _Input, rate: _Input) -> None:
+    """Write each rule's consequent at its pair of peaks, where the table is small enough."""
+    if len(error.peaks) > _CELLS or len(rate.peaks) > _CELLS:
+        return
+    inside_e = 0.016 * (error.peaks[-1] - error.peaks[0])
+    inside_r = 0.03 * (rate.peaks[-1] - rate.peaks[0])
+    for i, e in enumerate(error.peaks):
+        for j, r in enumerate(rate.peaks):
+            axes.text(
+                np.clip(e, error.peaks[0] + inside_e, error.peaks[-1] - inside_e),
+                np.clip(r, rate.peaks[0] + inside_r, rate.peaks[-1] - inside_r),
+                cells[i][j],
+                ha="center",
+                va="center",
+                fontsize=7.0,
+                color="#222222",
+                bbox={"boxstyle": "round,pad=0.16", "fc": "white", "ec": "none", "alpha": 0.72},
+                zorder=5,
+            )
+
+
+def _labels_above(axes: Axes, axis: _Input) -> None:
+    above = axes.secondary_xaxis("top")
+    places = _shown(len(axis.peaks))
+    above.set_xticks([axis.peaks[i] for i in places], [axis.labels[i] for i in places])
+    above.tick_params(length=0, pad=1, labelsize=7.5)
+
+
+def _labels_right(axes: Axes, axis: _Input) -> None:
+    right = axes.secondary_yaxis("right")
+    places = _shown(len(axis.peaks))
+    right.set_yticks([axis.peaks[i] for i in places], [axis.labels[i] for i in places])
+    right.tick_params(length=0, pad=1, labelsize=7.5)
