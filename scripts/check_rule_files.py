@@ -52,7 +52,10 @@ def compared(path: Path, tolerance: float, folder: Path) -> Row:
     sampling = sample(surface, check_points(surface, ranges), ranges, bends, tolerance)
     points = check_points(surface, ranges, count=POINTS)
     table = sampling.table.at(points.error, points.rate)
-    program = evaluated(path, np.stack([points.error, points.rate][: len(engine.inputs)]), folder)
+    at = np.stack([points.error, points.rate][: len(engine.inputs)])
+    program = evaluated(path.read_text(encoding="utf-8", errors="replace"), path.suffix, at, folder)
+    if program.shape != table.shape:  # it does not read the file itself: our translation
+        program = evaluated(read_fll(path), ".fll", at, folder)
     if program.shape != table.shape:
         program = np.full(table.shape, np.nan)
 
@@ -64,11 +67,11 @@ def compared(path: Path, tolerance: float, folder: Path) -> Row:
     )
 
 
-def evaluated(path: Path, points: Any, folder: Path) -> Any:
-    """Return the outputs (rows) that the program computes at points (columns)."""
-    suffix = path.suffix.lower()[1:]
+def evaluated(text: str, suffix: str, points: Any, folder: Path) -> Any:
+    """Return the outputs (rows) that the program computes for a file's text at points (columns)."""
+    suffix = suffix.lower()[1:]
     file, at, out = (folder / name for name in (f"rules.{suffix}", "at.fld", "out.fld"))
-    text = path.read_text(encoding="utf-8", errors="replace")
+    out.unlink(missing_ok=True)
     if suffix == "fll":
         shapes = "Centroid|Bisector|(?:Smallest|Mean|Largest)OfMaximum"
         text = re.sub(

@@ -53,13 +53,15 @@ def _rule_base(config: Any) -> _RuleBase:
     for declared, layer in zip(config.tables, table.values.tolist(), strict=True):
         # A number in a cell becomes a label that no label of ours can be.
         scale = config.output_scale if declared.name == "u" else 1.0
-        numbers = {_name(label): scale * center for label, center in declared.centers.items()}
+        texts_used = {text for row in declared.cells for text in row}
+        named = declared.centers if texts_used & set(declared.centers) else {}
+        numbers = {_name(label): scale * center for label, center in named.items()}
         numbered: dict[float, str] = {}
         rows = []
         for texts, values in zip(declared.cells, layer, strict=True):
             row = []
             for text, value in zip(texts, values, strict=True):
-                if text not in declared.centers:
+                if text not in named:
                     text = numbered.setdefault(value, f"_{len(numbered) + 1}")
                     numbers[text] = value
                 row.append(text)

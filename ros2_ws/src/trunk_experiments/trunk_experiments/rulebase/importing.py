@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, nextafter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -87,7 +87,7 @@ def import_rules(
     bends = [engine.vertices(names[key]) if key in names else [] for key in INPUTS]
     checked = check_points(surface, ranges)
     sampling = sample(surface, checked, ranges, bends, tolerance)
-    values = _values(engine, names, ranges, columns, sampling.table, path)
+    values = _values(engine, names, ranges, columns, sampling, path)
     config = build(NODES[node].config, {**values_of(NODES[node].config()), **values})
     return _judged(path, config, node, values, columns, sampling, checked, surface, tolerance)
 
@@ -158,8 +158,8 @@ def _inputs(engine: RuleEngine, given: Mapping[str, str], path: Path) -> dict[st
 def _outputs(engine: RuleEngine, given: Mapping[str, str], path: Path) -> list[_Column]:
     known = [key for keys in OUTPUTS.values() for key in keys]
     names = dict(given) or {key: key for key in known if key in engine.outputs}
-    for node, keys in OUTPUTS.items():
-        if set(names) == set(keys) and node in NODES:
+    for keys in OUTPUTS.values():
+        if set(names) == set(keys):
             return [_column(engine, key, names[key]) for key in keys]
     raise RuleFileError(
         f"{path}: its outputs are {', '.join(engine.outputs)[:80]}: say what they are: --output u=NAME, or "
@@ -182,10 +182,12 @@ def _values(
     names: Mapping[str, str],
     ranges: Sequence[tuple[float, float]],
     columns: Sequence[_Column],
-    table: Table,
+    sampling: Sampling,
     path: Path,
 ) -> dict[str, Value]:
     """Return the parameters of a table."""
+    table = sampling.table
+    share = fraction if sampling.exact else _rounded
     values: dict[str, Value] = {}
     labels: dict[str, Value] = {}
     for axis, key, limits, peaks in zip(
@@ -197,18 +199,22 @@ def _values(
             continue
         reach = max(map(abs, limits))
         values[f"fuzzy.{axis}_range"] = reach
-        values[f"fuzzy.{axis}_peaks"] = tuple(fraction(peak, reach) for peak in peaks)
+        values[f"fuzzy.{axis}_peaks"] = tuple(share(peak, reach) for peak in peaks)
         named = tuple(engine.label_at(names[key], peak) for peak in peaks)
         if _usable(named) and named != input_labels((), len(named), axis[0].upper()):
             labels[f"fuzzy.{axis}_labels"] = named
     values |= labels
     for column, layer in zip(columns, table.values, strict=True):
-        values |= _table_values(engine, column, layer, path)
+        values |= _table_values(engine, column, layer, share, path)
     return values
 
 
 def _table_values(
-    engine: RuleEngine, column: _Column, layer: Floats, path: Path
+    engine: RuleEngine,
+    column: _Column,
+    layer: Floats,
+    share: Callable[[float, float], float],
+    path: Path,
 ) -> dict[str, Value]:
     """Return the parameters of one output: its scale, labels where the file has singletons, the rows."""
     low, high = _limits(engine, column, layer)
@@ -247,7 +253,7 @@ def _table_values(
     by_center = {center: name for name, center in reversed(centers.items())}
 
     def cell(number: float) -> str:
-        center = fraction(number - offset, scale)
+        center = share(number - offset, scale)
         return by_center.get(center, repr(center))
 
     values[f"rules.{column.key}"] = tuple(" ".join(map(cell, row)) for row in layer.tolist())
@@ -270,6 +276,11 @@ def _usable(labels: Sequence[str]) -> bool:
     except ValueError:
         return False
     return all(labels) and bool(labels)
+
+
+def _rounded(number: float, whole: float) -> float:
+    """Return a share that is short: of what is sampled, more digits would say nothing."""
+    return round(number / whole, 9) + 0.0  # not -0.0
 
 
 def fraction(number: float, whole: float) -> float:

@@ -21,6 +21,10 @@ EXACT = 1e-12  # of an output's span: rounding
 CHECKS = 100_000
 _SEED = 1
 _LINES = 200  # intervals of the grid from which peaks are chosen, along each input
+_REFINEMENTS, _MORE = (
+    4,
+    9,
+)  # how often, and by how many lines, it becomes finer where the table is off most
 # Of the tolerance, for one input alone: what is left is for the other, and for what lies between grid lines.
 _SHARES = (0.95, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08)
 
@@ -140,24 +144,46 @@ def _adapted(
         np.array(sorted({*np.linspace(limits[0], limits[1], _LINES + 1), *bend, *limits}))
         for limits, bend in zip(ranges, bends, strict=True)
     ]
+    best = _closest(surface, checked, lines, tolerance)
+    for _ in range(_REFINEMENTS):
+        if best.deviation.share <= tolerance:
+            break
+        at = best.deviation.error, best.deviation.rate
+        lines = [_finer(line, x) for line, x in zip(lines, at, strict=True)]
+        best = min(
+            best,
+            _closest(surface, checked, lines, tolerance),
+            key=lambda sampling: sampling.deviation.share,
+        )
+    return best
+
+
+def _finer(line: Floats, x: float) -> Floats:
+    """Return the lines with more of them around ``x``."""
+    i = min(max(int(np.searchsorted(line, x)), 1), len(line) - 1)
+    low, high = line[max(i - 2, 0)], line[min(i + 1, len(line) - 1)]
+    return np.array(sorted({*line.tolist(), *np.linspace(low, high, _MORE + 2).tolist()}))
+
+
+def _closest(
+    surface: Surface, checked: Checked, lines: Sequence[Floats], tolerance: float
+) -> Sampling:
+    """Return the smallest table within the tolerance whose peaks are among the lines, else the closest."""
     grid = at_peaks(surface, lines[0], lines[1])
     scaled = grid.values / checked.span[:, None, None]
     along = [np.moveaxis(scaled, axis, 0).reshape(len(lines[axis - 1]), -1) for axis in (1, 2)]
-    best: Sampling | None = None
     finest = [_finest(line, rows) for line, rows in zip(lines, along, strict=True)]
+    samplings: list[Sampling] = []
     for share in _SHARES:
         kept = [
             _chosen(line, rows, max(share * tolerance, least))
             for line, rows, least in zip(lines, along, finest, strict=True)
         ]
         table = Table(lines[0][kept[0]], lines[1][kept[1]], grid.values[:, kept[0]][:, :, kept[1]])
-        sampling = Sampling(table, checked.deviation(table))
-        if best is None or sampling.deviation.share < best.deviation.share:
-            best = sampling
-        if best.deviation.share <= tolerance:
-            break
-    assert best is not None
-    return best
+        samplings.append(Sampling(table, checked.deviation(table)))
+        if samplings[-1].deviation.share <= tolerance:
+            return samplings[-1]
+    return min(samplings, key=lambda sampling: sampling.deviation.share)
 
 
 def _finest(line: Floats, rows: Floats) -> float:

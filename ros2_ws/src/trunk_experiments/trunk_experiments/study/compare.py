@@ -80,7 +80,7 @@ def compare_study(
                 raise StudyError(
                     f"{results.path}: {first!r} and {second!r} do not have the same draws: rows are missing"
                 )
-            differences.append(_difference(metric, first, second, a[metric], b[metric]))
+            differences.append(difference_of(metric, first, second, a[metric], b[metric]))
             done()
     return differences
 
@@ -97,7 +97,8 @@ def _sorted(results: Results) -> dict[str, Floats]:
     }
 
 
-def _difference(metric: str, first: str, second: str, a: Floats, b: Floats) -> MeanDifference:
+def difference_of(metric: str, first: str, second: str, a: Floats, b: Floats) -> MeanDifference:
+    """Return ``a - b`` of a metric, by pairs; NaN: there is none."""
     both = ~(np.isnan(a) | np.isnan(b))
     differences = a[both] - b[both]
     count = len(differences)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -9,6 +10,7 @@ from math import radians
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from trunk_msgs_util.units import seconds
 
@@ -26,6 +28,7 @@ from .result import finish, finish_values, show_relay
 if TYPE_CHECKING:
     from ...tuning.linear import Linear
 
+_OPTIONS = {"scenarios": "scenario", "params": "params", "settings": "set", "rate": "rate"}
 _METRICS = tuple(name for name in RunMetrics.__dataclass_fields__ if not name.startswith("theta"))
 
 
@@ -179,18 +182,36 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
 @click.option("--scenario", "scenarios", multiple=True, default=("fig6", "fig7"), show_default=True)
 @click.option("--metric", type=click.Choice(_METRICS), default="itae", show_default=True)
 @click.option("--generations", type=click.IntRange(1, 100_000), default=20, show_default=True)
-@click.option("--population", type=click.IntRange(1, 1000), default=5, show_default=True)
+@click.option(
+    "--population",
+    type=click.IntRange(2, 1000),
+    help="Candidates per number searched, 5; with --study candidates, as CMA-ES recommends.",
+)
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
+@click.option(
+    "--study",
+    metavar="FILE",
+    help="In place of scenarios: the draws of a study, a file or a shipped one; a fall costs as ten runs.",
+)
+@click.option(
+    "--held-out-seed",
+    type=click.IntRange(0, 2**31 - 1),
+    help="With --study: of the draws by which the result is judged.  [default: the study's + 1]",
+)
+@click.option("--workers", type=click.IntRange(1, 1024), help="With --study.  [default: all cores]")
 def optimise_command(
     controller: str,
     scenarios: tuple[str, ...],
     metric: str,
     generations: int,
-    population: int,
+    population: int | None,
     seed: int,
+    study: str | None,
+    held_out_seed: int | None,
+    workers: int | None,
     **options: Any,
 ) -> None:
-    """Search for the smallest mean of a metric over scenarios, by seeded differential evolution.
+    """Search for the smallest mean of a metric over scenarios, or over the draws of a study.
 
     For pid it searches the gains; for fuzzy_pid the ranges of the gains, both universes and all three
     rule tables, symmetric in e and its rate; for any other controller, all of its own numbers.
@@ -198,13 +219,23 @@ def optimise_command(
     from ...tuning.search import search
 
     _check(options)
+    searched = {
+        "metric": metric,
+        "generations": generations,
+        "population": population,
+        "seed": seed,
+    }
+    if study is not None:
+        _check_alone(click.get_current_context())
+        _learn(study, controller, searched, held_out_seed, workers, options)
+        return
     plan = partial(_plan, controller, options["params"], options["settings"], options["rate"])
     with progress_bar("generations") as tell:
         optimum = search(
             [plan(scenario) for scenario in scenarios],
             metric,
             generations,
-            population,
+            population or 5,
             seed,
             lambda done, best: tell(done, generations, f"best {best:.5g}"),
         )
@@ -222,6 +253,60 @@ def optimise_command(
         "seed": seed,
     }
     finish_values(plan(scenarios[0]), optimum.values, options, how={"search": search_values})
+
+
+def _check_alone(ctx: click.Context) -> None:
+    """Refuse options whose values the study has."""
+    for name in ("scenarios", "params", "settings", "rate"):
+        if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            ctx.fail(
+                f"--study has its own scenario, parameters and rate: leave out --{_OPTIONS[name]}"
+            )
+
+
+def _learn(
+    name: str,
+    controller: str,
+    searched: dict[str, Any],
+    held_out_seed: int | None,
+    workers: int | None,
+    options: dict[str, Any],
+) -> None:
+    """Search on a study's draws; print and write what it gave, with what it does on other draws."""
+    from ...study.file import read_study
+    from ...study.learning import learn
+    from .learned import as_values, show
+
+    study = read_study(name)
+    other = study.seed + 1 if held_out_seed is None else held_out_seed
+    generations = searched["generations"]
+    with progress_bar("generations") as tell:
+        learned = learn(
+            study, controller, **searched,
+            held_out_seed=other,
+            workers=workers or os.cpu_count() or 1,
+            progress=lambda done, best: tell(done, generations, f"best {best:.5g}"),
+        )  # fmt: skip
+    metric, seed = searched["metric"], searched["seed"]
+    if not options["as_json"]:
+        click.echo(
+            f"{metric}, mean over {study.runs} draws of {name}, a fall as {learned.fall:.4g}: "
+            f"{learned.before:.6g} before, {learned.after:.6g} after {learned.runs} runs (seed {seed})"
+        )
+        show(learned, metric, other)
+    search_values = {
+        "metric": metric,
+        "scenarios": [learned.plan.scenario],
+        "before": learned.before,
+        "after": learned.after,
+        "runs": learned.runs,
+        "seed": seed,
+    }
+    how: dict[str, object] = {
+        "search": search_values,
+        "study": as_values(learned, name, metric, other),
+    }
+    finish_values(learned.plan, learned.values, options, how=how)
 
 
 def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:

@@ -68,7 +68,9 @@ def finish_values(
             "update_rate_hz": plan.controller.update_rate,
             "margins": [row.as_values() for row in margins],
         }
-        write_json("tune-1", {**document, "relay": None, "search": None, **(how or {})})
+        write_json(
+            "tune-1", {**document, "relay": None, "search": None, "study": None, **(how or {})}
+        )
         return
     before = values_of(plan.controller)
     axes = config.axes if isinstance(config, RuleBaseConfig) else None

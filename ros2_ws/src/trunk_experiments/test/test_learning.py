@@ -1,0 +1,119 @@
+"""Searches on a study's draws: what a fall costs, reproducible, and judged on other draws."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from trunk_experiments.cli import trunk
+from trunk_experiments.errors import StudyError
+from trunk_experiments.study import learning
+from trunk_experiments.study.bases import make_bases
+from trunk_experiments.study.design import design
+from trunk_experiments.study.file import parse_study
+from trunk_experiments.study.learning import DrawnRuns, Draws, cost, learn, outcome
+from trunk_experiments.study.sweep import RunBlock, run_block
+
+from .documents import checked
+
+STUDY = """
+scenario: fig8
+params: profile_practical
+rate: 200
+duration: 1.5
+controllers: {rules: {node: fuzzy_pid}, pid: {}}
+runs: 6
+seed: 7
+set: {simulator.substeps: 1}
+vary:
+  speed: {parameter: "simulator.initial.velocity[0]", distribution: uniform, low: -9.0, high: 9.0}
+  mass: {parameter: simulator.plant.trunk_mass, distribution: uniform, low: 0.3, high: 0.8}
+"""
+
+
+@pytest.fixture(scope="module")
+def study():
+    return parse_study(STUDY, "study.yaml")
+
+
+@pytest.fixture(scope="module")
+def draws(study):
+    return Draws(study, make_bases(study))
+
+
+@contextmanager
+def alone(draws, label, metric, workers):
+    """Evaluate in this process."""
+    yield lambda candidates: [outcome(draws, label, values, metric) for values in candidates]
+
+
+def test_outcomes_are_those_of_a_sweep(study, draws):
+    table = run_block(RunBlock(0, study, draws.bases, design(study, 0, study.total), ""))
+    fallen = np.maximum(table["theta_max_deg"], -np.array(table["theta_min_deg"])) >= 90.0
+    expected = np.where(fallen, np.nan, table["iae"].to_numpy())
+    labels = np.array(table["controller"].to_pylist())
+    for label in ("rules", "pid"):
+        assert np.array_equal(
+            outcome(draws, label, {}, "iae"), expected[labels == label], equal_nan=True
+        )
+    assert 0 < fallen.sum() < len(fallen)
+
+
+def test_a_fall_counts_and_a_changed_parameter_acts(draws):
+    metric = outcome(draws, "rules", {}, "iae")
+    stood = metric[~np.isnan(metric)]
+    falls = len(metric) - len(stood)
+    assert 0 < falls < len(metric)
+    assert cost(metric, 50.0) == pytest.approx((stood.sum() + 50.0 * falls) / len(metric))
+    assert DrawnRuns("rules", metric).fell == falls
+    assert not np.array_equal(outcome(draws, "rules", {"gains.p_max": 90.0}, "iae"), metric)
+
+
+def test_a_search_is_reproducible_and_judged_on_other_draws(study, draws, monkeypatch):
+    monkeypatch.setattr(learning, "crew", alone)
+    words = study, "rules", "iae", 2, 4, 3, 99, 1
+    heard = []
+    first = learn(*words, lambda *progress: heard.append(progress))
+    assert learn(*words, lambda *_: None).values == first.values
+    assert heard[-1] == (2, first.after)
+    assert first.after < first.before
+    assert first.after == cost(outcome(draws, "rules", first.values, "iae"), first.fall)
+    others = Draws(replace(study, seed=99), draws.bases)
+    assert [o.label for o in first.held_out] == ["rules", "rules, learned", "pid"]
+    for held_out, values in zip(first.held_out, ({}, first.values, {}), strict=True):
+        label = held_out.label.partition(",")[0]
+        assert np.array_equal(
+            held_out.metric, outcome(others, label, values, "iae"), equal_nan=True
+        )
+    assert not np.array_equal(first.held_out[0].metric, first.trained[0].metric, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("controller", "seed", "says"),
+    [("lqr", 8, "no controller 'lqr' in it: it has rules, pid"), ("rules", 7, "must be others")],
+)
+def test_what_cannot_be_judged_is_refused(study, controller, seed, says):
+    with pytest.raises(StudyError, match=says):
+        learn(study, controller, "iae", 1, 1, 1, seed, 1, lambda *_: None)
+
+
+@pytest.mark.slow
+def test_the_verb_says_what_it_found_on_other_draws(tmp_path):
+    """In worker processes."""
+    file, output = tmp_path / "study.yaml", tmp_path / "learned.yaml"
+    file.write_text(STUDY)
+    words = ["tune", "optimise", "--study", str(file), "--controller", "pid", "--generations", "1"]
+    done = CliRunner().invoke(trunk, [*words, "--population", "4", "-o", str(output), "--json"])
+    assert done.exit_code == 0, done.exception
+    document = checked(done.stdout, "tune-1")
+    held_out = document["study"]["held_out"]
+    assert document["study"]["held_out_seed"] == 8
+    assert [o["controller"] for o in held_out] == ["pid", "pid, learned", "rules"]
+    assert all(o["share"]["low"] <= o["fell"] / 6 <= o["share"]["high"] for o in held_out)
+    assert output.exists()
+    done = CliRunner().invoke(trunk, [*words, "--set", "pid.gains.p=1"])
+    assert "leave out --set" in done.output

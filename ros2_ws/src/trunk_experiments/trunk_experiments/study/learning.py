@@ -1,0 +1,251 @@
+"""Parameters searched on the draws of a study, and judged on draws that the search did not see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache, lru_cache
+from math import inf, nan
+from typing import Any, NamedTuple
+
+import cma
+import numpy as np
+
+from trunk_msgs_util.parameters.declarations import Value, build, values_of
+from trunk_msgs_util.recording.joint_arrays import Floats
+
+from ..batch.block import RunSummary, summaries
+from ..batch.compiled_run import Batch
+from ..batch.workers import worker_pool
+from ..errors import RunError, StudyError
+from ..plans.nodes import NODES
+from ..plans.plan import RunPlan
+from ..tuning.search import Space, space_of
+from .bases import make_bases, plan_of
+from .compare import MeanDifference, difference_of
+from .design import design
+from .intervals import Estimate, wilson
+from .results import FALLEN_DEG
+from .study import StudySpec
+from .targets import Bases
+
+_SPREAD = 0.25  # of the search's first candidates, in widths of the space
+_INSIDE = 0.02, 0.98
+FALL = 10.0  # times the start's mean of the metric: what a fall costs
+Values = dict[str, Value]
+Evaluate = Callable[[Sequence[Values]], list[Floats]]
+Progress = Callable[[int, float], None]
+
+
+class Draws(NamedTuple):
+    """The runs of a study; all that a worker needs: it reads no files."""
+
+    study: StudySpec
+    bases: Bases
+
+    def __hash__(self) -> int:
+        return hash(self.study)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Draws) and self.study == other.study
+
+    def plans(self, label: str) -> tuple[RunPlan, ...]:
+        """Return a contender's plans, in the order of the draws."""
+        return _plans(self, label)
+
+
+@lru_cache(maxsize=8)
+def _plans(draws: Draws, label: str) -> tuple[RunPlan, ...]:
+    study, bases = draws
+    columns = design(study, 0, study.total)
+    rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
+    return tuple(plan_of(study, bases, row) for row in rows if row["controller"] == label)
+
+
+class DrawnRuns(NamedTuple):
+    """A contender on some draws: the metric of each run, NaN where the trunk fell."""
+
+    label: str
+    metric: Floats
+
+    @property
+    def fell(self) -> int:
+        """How many fell."""
+        return int(np.isnan(self.metric).sum())
+
+    @property
+    def share(self) -> Estimate:
+        """The share of falls with Wilson's interval."""
+        return wilson(self.fell, len(self.metric))
+
+    @property
+    def mean(self) -> float:
+        """The metric's mean over the runs that stood; NaN if none did."""
+        return float(np.nanmean(self.metric)) if self.fell < len(self.metric) else nan
+
+    def less(self, other: DrawnRuns, metric: str) -> MeanDifference:
+        """Return the metric of this one minus the other's, over the draws in which both stood."""
+        return difference_of(metric, self.label, other.label, self.metric, other.metric)
+
+
+class Learned(NamedTuple):
+    """What a search on a study's draws gave, and how it does on others."""
+
+    values: Values
+    label: str
+    plan: RunPlan  # of the contender, with no draw in it
+    before: float  # cost of the starting parameters on the draws of the search
+    after: float
+    fall: float  # what a fall costs
+    runs: int
+    trained: tuple[DrawnRuns, DrawnRuns]  # before and after, on the draws of the search
+    held_out: tuple[DrawnRuns, ...]  # before, after, and the study's other contenders
+
+
+def learn(
+    study: StudySpec,
+    controller: str,
+    metric: str,
+    generations: int,
+    population: int | None,
+    seed: int,
+    held_out_seed: int,
+    workers: int,
+    progress: Progress,
+) -> Learned:
+    """Search a contender's parameters for the least cost on a study's draws, and judge it on those of a seed.
+
+    The cost is the metric's mean over the draws; a fall counts as `FALL` times the start's mean. By CMA-ES
+    (N. Hansen), seeded: the same seed gives the same result, whatever the number of workers. Raises
+    StudyError for a contender that is not in the study, and for a seed whose draws are those of the search.
+    """
+    label = _label(study, controller)
+    if held_out_seed == study.seed or study.runs < 2:
+        raise StudyError(
+            f"{study.source}: the held-out draws must be others: give a study with runs of 2 or more, and "
+            f"another seed than {study.seed}"
+        )
+    draws = Draws(study, make_bases(study))
+    plan = next(base.plan for (name, _), base in draws.bases.items() if name == label)
+    space = space_of(plan.controller_name, plan.controller)
+    start = DrawnRuns(label, outcome(draws, label, {}, metric))
+    if np.isnan(start.mean):
+        raise StudyError(
+            f"{study.source}: {label} falls in each of its {study.runs} draws: begin elsewhere"
+        )
+    fall = FALL * start.mean
+    with crew(draws, label, metric, workers) as evaluate:
+        values, after, runs = _searched(
+            space, evaluate, fall, generations, population, seed, progress
+        )
+    before = cost(start.metric, fall)
+    if before <= after:
+        values, after = {}, before
+    others = Draws(replace(study, seed=held_out_seed), draws.bases)
+    new = f"{label}, learned"
+    held_out = [
+        DrawnRuns(label, outcome(others, label, {}, metric)),
+        DrawnRuns(new, outcome(others, label, values, metric)),
+        *(
+            DrawnRuns(c.label, outcome(others, c.label, {}, metric))
+            for c in study.contenders
+            if c.label != label
+        ),
+    ]
+    trained = start, DrawnRuns(new, outcome(draws, label, values, metric))
+    count = len(start.metric)
+    return Learned(
+        values, label, plan, before, after, fall, runs * count + count, trained, tuple(held_out)
+    )
+
+
+def _label(study: StudySpec, controller: str) -> str:
+    for contender in study.contenders:
+        if controller in (contender.label, contender.node):
+            return contender.label
+    known = ", ".join(contender.label for contender in study.contenders)
+    raise StudyError(f"{study.source}: no controller {controller!r} in it: it has {known}")
+
+
+def _searched(
+    space: Space,
+    evaluate: Evaluate,
+    fall: float,
+    generations: int,
+    population: int | None,
+    seed: int,
+    progress: Progress,
+) -> tuple[Values, float, int]:
+    """Return the best values, their cost, and the number of candidates."""
+    low, high = np.array(space.bounds).T
+    start = np.clip((np.array(space.start) - low) / (high - low), *_INSIDE)
+    strategy = cma.CMAEvolutionStrategy(
+        start,
+        _SPREAD,
+        # Its seed 0 is the clock; the count of candidates is its own unless given.
+        {"bounds": [0.0, 1.0], "seed": seed + 1, "verbose": -9, "popsize": population or None},
+    )
+    best: tuple[float, Values] = (inf, {})
+    count = 0
+    for generation in range(1, generations + 1):
+        points = strategy.ask()
+        candidates = [space.values(low + (high - low) * np.clip(x, 0.0, 1.0)) for x in points]
+        costs = [cost(metric, fall) for metric in evaluate(candidates)]
+        strategy.tell(points, costs)
+        count += len(points)
+        least = int(np.argmin(costs))
+        if costs[least] < best[0]:
+            best = costs[least], candidates[least]
+        progress(generation, best[0])
+    return best[1], best[0], count
+
+
+def cost(metric: Floats, fall: float) -> float:
+    """Return the mean, each fall counted as ``fall``."""
+    return float(np.where(np.isnan(metric), fall, metric).mean())
+
+
+def outcome(draws: Draws, label: str, values: Values, metric: str) -> Floats:
+    """Return a contender's metric in each run, with some parameters changed. Raises ParameterError."""
+    configs: dict[Any, Any] = {}
+    changed = []
+    for plan in draws.plans(label):
+        before = plan.controller
+        if before not in configs:
+            kind = NODES[plan.controller_name].config
+            configs[before] = build(kind, {**values_of(before), **values}) if values else before
+        changed.append(plan.with_controller(configs[before]))
+    return np.array([_metric(summary, metric) for summary in summaries(changed, _batch())])
+
+
+@cache
+def _batch() -> Batch:
+    return Batch()
+
+
+def _metric(summary: RunSummary, name: str) -> float:
+    metrics = summary.metrics
+    if metrics is None or max(metrics.theta_max_deg, -metrics.theta_min_deg) >= FALLEN_DEG:
+        return nan
+    value = getattr(metrics, name)
+    return nan if value is None else abs(float(value))
+
+
+@contextmanager
+def crew(draws: Draws, label: str, metric: str, workers: int) -> Iterator[Evaluate]:
+    """Yield a function that evaluates candidates in worker processes, each over all draws in lanes."""
+    pool = worker_pool(workers)
+
+    def evaluate(candidates: Sequence[Values]) -> list[Floats]:
+        futures = [pool.submit(outcome, draws, label, v, metric) for v in candidates]
+        try:
+            return [future.result() for future in futures]
+        except BrokenProcessPool:
+            raise RunError("a worker process died: is there enough memory?") from None
+
+    try:
+        yield evaluate
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
