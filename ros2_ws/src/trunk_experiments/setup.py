@@ -22,6 +22,8 @@ setup(
         name: [
             "py.typed",
             "config/*.yaml",
+            "export_c/templates/*.in",
+            "export_c/templates/*/*.in",
             "paper/*.html.j2",
             "paper/*.css",
             "schemas/*.json",

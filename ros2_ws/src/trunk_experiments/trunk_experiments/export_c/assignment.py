@@ -39,6 +39,8 @@ class Assignment(Expressions):
     loads: set[str]
     wider: set[str]
     fixed: set[str]
+    declared: dict[str, str]
+    fresh: set[str]
     loops: int
     tree: ast.FunctionDef
     local: Callable[[str], str]
@@ -117,8 +119,12 @@ class Assignment(Expressions):
             if not at_run_time(t) or self._stays(name, value):
                 self.variables[name] = Variable(t, replace(value, type=t), self.block)
                 return
-            c = self.local(name)
-            self.declared[c] = self.program.c_type(t)
+            if value.code in self.fresh and self.declared[value.code] == self.program.c_type(t):
+                c = value.code  # what a call has just written is the variable
+                self.fresh.discard(c)
+            else:
+                c = self.local(name)
+                self.declared[c] = self.program.c_type(t)
             self.variables[name] = variable = Variable(t, Value(t, c, place=True), self.block)
             if self.stores[name] == 1 and not self.loops:
                 self.fixed.add(c)

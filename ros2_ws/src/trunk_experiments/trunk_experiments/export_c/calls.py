@@ -11,7 +11,7 @@ from collections.abc import Callable
 from types import FunctionType
 from typing import Any
 
-from .layout import Block, Line
+from .layout import Block, Line, words_in
 from .program import Definitions, Translated
 from .types import (
     BOOLEAN,
@@ -61,8 +61,13 @@ class Calls:
     variables: dict[str, Any]
     stores: Counter[str]
     declared: dict[str, str]
+    fresh: set[str]
     block: Block
     writes: bool
+    returning: bool
+    result: Type | None
+    outputs: list[tuple[str, Type]]
+    begin_result: Callable[[Type], None]
     refused: Callable[[ast.AST, str, str], UntranslatableError]
     expression: Callable[[ast.expr], Value]
     fields: Callable[[Value], list[Value]]
@@ -136,6 +141,7 @@ class Calls:
 
     def call(self, node: ast.Call, alone: bool = False, target: ast.expr | None = None) -> Value:
         """Return the value of a call; ``alone``: it is all of a statement, or of its right side."""
+        returned, self.returning = self.returning, False
         if any(isinstance(a, ast.Starred) for a in node.args) or any(
             k.arg is None for k in node.keywords
         ):
@@ -151,6 +157,7 @@ class Calls:
         if isinstance(callee, type) and issubclass(callee, tuple) and hasattr(callee, "_fields"):
             return self._record(node, callee, arguments, named)
         if isinstance(callee, FunctionType):
+            self.returning = returned
             return self._function(node, callee, arguments, named, alone, target)
         if named:
             raise self.refused(
@@ -241,6 +248,13 @@ class Calls:
         self, f: Translated, codes: list[str], values: list[Value], target: ast.expr | None
     ) -> Value:
         """Call a function that writes through pointers: into the target, where that is no argument."""
+        returned, self.returning = self.returning, False
+        if returned and self.result is None:
+            self.begin_result(f.result)
+        if returned and [t for _, t in f.outputs] == [t for _, t in self.outputs]:
+            outputs = [c for c, _ in self.outputs]
+            self.block.body.append(Line(f"{f.name}({', '.join([*codes, *outputs])});"))
+            return self._written(f, [f"(*{c})" for c in outputs])
         plain = isinstance(f.result, Record) and f.result.kind is None
         live = [i for i, t in enumerate(f.result.types) if at_run_time(t)] if plain else [0]  # type: ignore[union-attr]
         targets: list[ast.expr | None] = [None] * len(f.outputs)
@@ -250,6 +264,7 @@ class Calls:
         elif not plain:
             targets = [target]
         names = [t.id for t in targets if isinstance(t, ast.Name)]
+        used = {v.value.code for v in self.variables.values()}
         places = []
         for (c, t), single in zip(f.outputs, targets, strict=True):
             variable = self.variables.get(single.id) if isinstance(single, ast.Name) else None
@@ -259,8 +274,7 @@ class Calls:
                 and variable.type == t
                 and place in self.declared
                 and names.count(getattr(single, "id", "")) == 1
-                and not any(self.mentions(value, place) for value in values)
-                and not any(place == code.lstrip("&") for code in codes)
+                and not any(place in words_in(code) for code in behind(f, codes, c, place))
             )
             hint = (
                 single.id.strip("_") if isinstance(single, ast.Name) and single.id.strip("_") else c
@@ -270,12 +284,17 @@ class Calls:
                 if usable
                 else self.temporary(t, hint if hint != c else f.python.__name__.strip("_"))
             )
+        self.fresh |= {c for c in places if c not in used}
         whole = [*codes, *(f"&{place}" for place in places)]
         self.block.body.append(Line(f"{f.name}({', '.join(whole)});", places[0]))
+        return self._written(f, places)
+
+    def _written(self, f: Translated, places: list[str]) -> Value:
+        """Return a result that was written to these places."""
         parts = [Value(t, c, place=True) for c, (_, t) in zip(places, f.outputs, strict=True)]
-        if not plain:
-            return parts[0]
         assert isinstance(f.result, Record)
+        if f.result.kind is not None:
+            return parts[0]
         rest = iter(parts)
         return self.made(None, [next(rest) if at_run_time(t) else Value(t) for t in f.result.types])
 
@@ -358,6 +377,12 @@ class Calls:
         for value in values[1:]:
             code = f"{prefix}_{name}({code}, {self.bare(value.code)})"
         return Value(t, code)
+
+
+def behind(f: Translated, codes: list[str], output: str, place: str) -> list[str]:
+    """Return the arguments that must not read a place if this output is written to it."""
+    own = f.in_place and output == f.outputs[0][0] and codes[0] == f"&{place}"
+    return codes[1:] if own else codes
 
 
 def _hint(t: Record) -> str:

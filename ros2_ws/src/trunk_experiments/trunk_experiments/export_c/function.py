@@ -8,10 +8,20 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from types import FunctionType
 
 from .assignment import Assignment, Variable
-from .layout import Block, Line, declare, text_of, without_unread, words_in
+from .layout import (
+    Block,
+    Line,
+    build_in_output,
+    declare,
+    may_write_in_place,
+    text_of,
+    without_unread,
+    words_in,
+)
 from .loops import for_loop
 from .program import Definitions, RestartError, Translated, first_line, qualified
 from .types import (
@@ -20,6 +30,7 @@ from .types import (
     NOTHING,
     Array,
     Record,
+    Scalar,
     Static,
     Table,
     Type,
@@ -71,6 +82,8 @@ class Translator(Assignment):
         self.declared: dict[str, str] = {}  # C types of local variables
         self.fixed: set[str] = set()  # C names whose values never change
         self.root = self.block = Block()
+        self.fresh: set[str] = set()  # variables that nobody has named yet
+        self.returning = False  # the call that follows is all that is returned
         self.loops = 0
         self.arguments: list[tuple[str, Type]] = []
         self.result: Type | None = None
@@ -135,10 +148,12 @@ class Translator(Assignment):
 
     def local(self, name: str) -> str:
         """Return a C name for a local variable, its own in this function."""
-        c = self.program.local(name)
+        plain, count = self.program.local(name), 1
         taken = {n for n, _ in self.arguments} | set(self.declared)
+        c = plain
         while c in taken:
-            c = self.program.local(f"{c}_")
+            count += 1
+            c = self.program.local(f"{plain}_{count}")
         return c
 
     def finished(self, name: str) -> Translated:
@@ -146,6 +161,10 @@ class Translator(Assignment):
         f = Translated(self.python, name, self.arguments, self.result or NOTHING, self.outputs)
         f.writes = self.writes
         without_unread(self.root, self.declared)
+        for c, _ in self.outputs:
+            build_in_output(self.root, c, self.declared)
+        if self.arguments and self.outputs and self.arguments[0][1] == self.outputs[0][1]:
+            f.in_place = may_write_in_place(self.root, self.arguments[0][0], self.outputs[0][0])
         words = self.root.words()
         for unused in [c for c, _ in (*self.arguments, *self.outputs) if c not in words]:
             self.root.body.insert(0, Line(f"(void){unused};"))
@@ -198,10 +217,7 @@ class Translator(Assignment):
 
     def temporary(self, t: Type, hint: str) -> str:
         """Return a new local variable's C name."""
-        c, count = self.local(hint), 1
-        while c in self.declared:
-            count += 1
-            c = self.local(f"{hint}_{count}")
+        c = self.local(hint)
         self.declared[c] = self.program.c_type(t)
         return c
 
@@ -224,7 +240,9 @@ class Translator(Assignment):
                     )
                 return False
             case ast.Return():
+                self.returning = isinstance(node.value, ast.Call)
                 value = Value(NOTHING) if node.value is None else self.alone(node.value)
+                self.returning = False
                 return self._return(node, value)
             case ast.AnnAssign(value=None):
                 return False
@@ -265,9 +283,7 @@ class Translator(Assignment):
                 node, "it returns a function or a class", "return numbers and named tuples"
             )
         if self.result is None:
-            self.result = INTEGER if t == NATURAL and "return" in self.wider else t
-            if isinstance(t, Record) and at_run_time(t):
-                self._outputs(t)
+            self.begin_result(t)
         elif (both := self._joined_result(self.result, t)) is None:
             raise self.refused(
                 node,
@@ -291,7 +307,11 @@ class Translator(Assignment):
             return Record(None, tuple(types))  # type: ignore[arg-type]
         return joined(a, b)
 
-    def _outputs(self, t: Record) -> None:
+    def begin_result(self, t: Type) -> None:
+        """Settle the type of the function's result."""
+        self.result = INTEGER if t == NATURAL and "return" in self.wider else t
+        if not isinstance(t, Record) or not at_run_time(t):
+            return
         plain = t.kind is None
         if plain and "return" in self.wider:
             self.result = t = Record(None, tuple(INTEGER if x == NATURAL else x for x in t.types))
@@ -305,9 +325,27 @@ class Translator(Assignment):
         assert isinstance(value.type, Record)
         items = [value] if value.type.kind is not None else self.fields(value)
         live = [item for item in items if at_run_time(item.type)]
+        if self.arguments and self.arguments[0][1] == self.outputs[0][1]:
+            live[0] = self._read_before(live[0], self.arguments[0][0], f"(*{self.outputs[0][0]})")
         for (c, _), item in zip(self.outputs, live, strict=True):
             if item.code != f"(*{c})":
                 self.store(f"(*{c})", item)
+
+    def _read_before(self, value: Value, given: str, place: str) -> Value:
+        """Return a record whose numbers are read from an argument before the record is written over it."""
+        t = value.type
+        if not isinstance(t, Record) or value.parts is None:
+            return value
+        parts = []
+        for i, part in enumerate(value.parts):
+            field = self.place_of(place, t, i)
+            own = field.replace(self.outputs[0][0], given, 1)
+            if part.parts is not None:
+                part = self._read_before(part, given, field)
+            elif isinstance(part.type, Scalar) and self.mentions(part, given) and part.code != own:
+                part = self.copied(part, t.names[i])
+            parts.append(part)
+        return replace(value, parts=tuple(parts))
 
     def _if(self, node: ast.If) -> bool:
         test = self.truth(node.test)
@@ -322,7 +360,13 @@ class Translator(Assignment):
         other = Block("else {")
         with self.inside(other):
             leaves = self.statements(node.orelse) and leaves
-        if other.body:
+        chain = [n.head for n in other.body if isinstance(n, Block)]
+        if len(chain) == len(other.body) > 0 and chain[0].startswith("if (") and _one_if(chain):
+            first = other.body[0]
+            assert isinstance(first, Block)
+            first.head = f"else {first.head}"
+            self.block.body += other.body
+        elif other.body:
             self.block.body.append(other)
         return leaves
 
@@ -340,3 +384,7 @@ class Translator(Assignment):
                 self.block.body.append(Block(f"if (!{test.code}) {{", [Line("break;")]))
             self.statements(node.body)
         self.block.body.append(loop)
+
+
+def _one_if(heads: Sequence[str]) -> bool:
+    return all(head.startswith("else") for head in heads[1:])

@@ -46,6 +46,14 @@ class Block:
             words |= node.words()
         return words
 
+    def words_of_heads(self) -> set[str]:
+        """Return the identifiers in the heads of all blocks."""
+        words = set(_WORD.findall(self.head))
+        for node in self.body:
+            if isinstance(node, Block):
+                words |= node.words_of_heads()
+        return words
+
     def lines(self) -> Iterator[Line]:
         """Yield all statements in it."""
         for node in self.body:
@@ -90,6 +98,68 @@ def _drop(block: Block, names: set[str]) -> None:
     for node in block.body:
         if isinstance(node, Block):
             _drop(node, names)
+
+
+def build_in_output(root: Block, output: str, variables: Mapping[str, str]) -> None:
+    """Let the record that every return copies to an output be that output: one copy less on the stack."""
+    writes = [line for line in root.lines() if output in line.words()]
+    match = re.fullmatch(rf"\*{output} = (\w+);", writes[0].text) if writes else None
+    if match is None or any(line.text != writes[0].text for line in writes):
+        return
+    name = match[1]
+    if name not in variables or variables[name] in ("double", "bool", "int64_t"):
+        return
+    _drop_lines(root, writes[0].text)
+    _replace(root, name, output)
+
+
+def _drop_lines(block: Block, text: str) -> None:
+    block.body = [n for n in block.body if isinstance(n, Block) or n.text != text]
+    for node in block.body:
+        if isinstance(node, Block):
+            _drop_lines(node, text)
+
+
+def _replace(block: Block, name: str, output: str) -> None:
+    """Write ``*output`` for a record's name."""
+
+    def text(code: str) -> str:
+        code = re.sub(rf"(?<![\w.>])&{name}\b(?!\.)", output, code)
+        code = re.sub(rf"(?<![\w.>]){name}\.", f"{output}->", code)
+        code = re.sub(rf"^{name} = ", f"*{output} = ", code)
+        return re.sub(rf"(?<![\w.>]){name}\b", f"*{output}", code)
+
+    block.head = text(block.head)
+    for node in block.body:
+        if isinstance(node, Block):
+            _replace(node, name, output)
+        else:
+            node.text = text(node.text)
+            node.target = "" if node.target == name else node.target
+
+
+def may_write_in_place(root: Block, given: str, result: str) -> bool:
+    """Return True if nothing of an argument is read after an output is begun: they may be the same record.
+
+    An output is written behind all else, just before a return, or is a copy of the argument from the start; a
+    field may be copied onto itself.
+    """
+    whole = f"*{result} = *{given};"
+    begins = [node for node in root.body if {given, result} & node.words()][:1]
+    if begins and isinstance(begins[0], Line) and begins[0].text == whole:
+        uses = sum(given in line.words() for line in root.lines())
+        return uses == 1 and given not in root.words_of_heads()
+    written = False
+    for line in root.lines():
+        left, _, right = line.text.partition(" = ")
+        written = written or result in line.words()
+        if given in line.words() and written:
+            field = left.partition("->")[2]
+            itself = left == f"{result}->{field}" and right == f"{given}->{field};"
+            if line.text != whole and not (field and itself):
+                return False
+        written = written and line.text != "return;"
+    return True
 
 
 def declare(block: Block, variables: Mapping[str, str]) -> None:

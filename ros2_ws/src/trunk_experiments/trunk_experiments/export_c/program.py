@@ -50,6 +50,7 @@ class Translated:
     result: Type = NOTHING
     outputs: list[tuple[str, Type]] = field(default_factory=list)  # written through pointers
     writes: bool = False  # it writes into an array that it is given
+    in_place: bool = False  # its first output may be its first argument
     text: str = ""
 
 
@@ -67,6 +68,7 @@ class Definitions(Constants):
         self.functions: dict[tuple[Any, ...], Translated] = {}
         self.ordered: list[Translated] = []
         self.busy: list[tuple[Any, ...]] = []
+        self.titles: dict[Record, str] = {}  # names of plain tuples
         self.records: dict[Record, str] = {}  # in the order of their definitions
         self._constants: dict[tuple[str, Any], tuple[str, str]] = {}  # name, definition
 
@@ -118,6 +120,7 @@ class Definitions(Constants):
                 if at_run_time(inner):
                     self.c_type(inner)
             kind = record.kind.__name__ if record.kind is not None else "Tuple"
+            kind = self.titles.get(record, kind)
             self.records[record] = self.name(f"{self.prefix}{kind.strip('_')}")
         return self.records[record]
 
