@@ -74,6 +74,8 @@ CASES = [
     Case("recover-1", "recover a.mcap -o new.mcap"),
     Case("recover-1", "recover cut.mcap -o new.mcap", 1),
     Case("export-1", "export a.mcap --csv a.csv --parquet a.parquet --npz a.npz --mcap c.mcap"),
+    Case("export-c-1", "export-c pid --like a.mcap -o c"),
+    Case("export-c-1", "export-c fuzzy_pid --law --arduino -o c"),
     Case("params-1", "params"),
     Case("params-1", "params fuzzy_pid"),
     Case("params-show-1", "params show fig8"),

@@ -11,6 +11,8 @@ from contextlib import AbstractContextManager
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from .layout import Block, words_in
 from .operators import Operators
 from .program import Definitions
@@ -209,8 +211,7 @@ class Expressions(Operators):
     def _outer(self, node: ast.expr, value: Any, name: str) -> Value:
         if isinstance(value, int) and not isinstance(value, bool):
             return self.program.known(value, ast.unparse(node))
-        changes = isinstance(value, list | dict | set | bytearray) or hasattr(value, "dtype")
-        if changes and not isinstance(value, float):
+        if isinstance(value, list | dict | set | bytearray | np.ndarray):
             raise self.refused(node, "it may change", "use a tuple")
         return self.program.value(value, name)
 

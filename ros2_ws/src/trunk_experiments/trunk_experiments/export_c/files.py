@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from typing import Any
 
 from .constants import definition
 from .controller import ExportedController, Row
@@ -147,10 +148,11 @@ def _parameters(e: ExportedController) -> str:
         place = tree
         *groups, last = declared.name.split(".")
         for group in groups:
-            place = place.setdefault(group, {})
+            inner: Any = place.setdefault(group, {})
+            place = inner
         unit = f" [{declared.unit}]" if declared.unit else ""
         text = f"{declared.description}{unit}".replace('"', "'")
-        entry = _entry("double", repr(float(e.values[declared.name])), text, False)  # type: ignore[arg-type]
+        entry = _entry("double", repr(e.values[declared.name]), text, False)
         bounds = _bounds(declared.minimum, declared.above, declared.maximum)
         place[last] = {**entry, **({"validation": bounds} if bounds else {})}
     lines = [f"{e.name}_controller:", *_yaml(tree, 1)]
