@@ -1,4 +1,4 @@
-"""Translated functions in a compiled program that reads arguments and writes results: for the tests of export_c."""
+"""Translated functions in a compiled program that reads arguments and writes results."""
 
 from __future__ import annotations
 
@@ -79,8 +79,10 @@ class Compiled:
         main = "\n".join(
             [
                 "#include <stdio.h>",
-                "static double rd(void) { double v = 0; if (fread(&v, 8, 1, stdin) != 1) { v = 0; } return v; }",
-                "static int64_t ri(void) { int64_t v = 0; if (fread(&v, 8, 1, stdin) != 1) { v = 0; } return v; }",
+                "static double rd(void) { double v = 0;",
+                "if (fread(&v, 8, 1, stdin) != 1) { v = 0; } return v; }",
+                "static int64_t ri(void) { int64_t v = 0;",
+                "if (fread(&v, 8, 1, stdin) != 1) { v = 0; } return v; }",
                 "static void wd(double v) { fwrite(&v, 8, 1, stdout); }",
                 "static void wi(int64_t v) { fwrite(&v, 8, 1, stdout); }",
                 *head,

@@ -124,6 +124,10 @@ def keeps_over_rounds(n, x):
     before = x
     total = 0.0
     for k in range(n % 6):
+        if k == 0:
+            held = x
+        total += held
+        held = held * 0.5
         now = before + 1.0
         total += now * k
         before = now * 0.5
@@ -142,7 +146,14 @@ def unrolls(x, y):
 
 def indices(i, x):
     small = (x, 2.0 * x, x - 1.0)
-    return TABLE[i % 7], TABLE[-2], TABLE[(i % 3) - 2], small[i % 3], small[(i % 3) - 3], WHOLE[i % 6]
+    return (
+        TABLE[i % 7],
+        TABLE[-2],
+        TABLE[(i % 3) - 2],
+        small[i % 3],
+        small[(i % 3) - 3],
+        WHOLE[i % 6],
+    )
 
 
 def history(memory, x):
@@ -173,7 +184,7 @@ def calls_with_names(x, y):
 def several_results(x):
     a, b = part(x), 1
     whole = part(x)
-    return a[0] + whole[1], b
+    return a[0] - 2.0 * whole[1], b
 
 
 def part(x):
@@ -237,10 +248,20 @@ def early(pair, x):
     return Pair(other.double, pair.a)
 
 
+def crossed(pair, x):
+    return Pair(pair.double, pair.a + x)
+
+
+def writes_over(pair, x):
+    pair = crossed(pair, x)
+    pair = crossed(pair, pair.a)
+    return pair
+
+
 def wide_integers(i):
     whole = 0
     for k in range(3):
-        whole = whole * 1000003 + (i + k)
+        whole = whole * 100000007 + (i + k)
     return whole, whole / 3, whole / 1_000_000_007
 
 
@@ -271,5 +292,6 @@ CALLS = {
     several_targets: (REAL,),
     infinities: (REAL,),
     early: (PAIR, REAL),
+    writes_over: (PAIR, REAL),
     wide_integers: (INT,),
 }
