@@ -110,6 +110,7 @@ def or_for_and(value):
     return Value(value.type, value.code.replace("&&", "||"), value.known)
 
 
+FLAGS = ("-O2", "-Wno-error", "-Werror=uninitialized", "-Werror=maybe-uninitialized")
 FAULTS = {
     "integer division truncates": (helper("floor_div", "q - 1 : q", "q : q"), t.integer_division),
     "the remainder has the dividend's sign": (
@@ -182,7 +183,7 @@ def test_a_planted_fault_is_found(fault, monkeypatch):
 def is_found(translated):
     """Return whether bits differ, or there is nothing to compare."""
     try:
-        return differences(translated, t.CALLS[translated], flags=("-O1", "-Wno-error")) != []
+        return differences(translated, t.CALLS[translated], flags=FLAGS) != []
     except UntranslatableError:
         return True
     except AssertionError as error:  # of the compiler
