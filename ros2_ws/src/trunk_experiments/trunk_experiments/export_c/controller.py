@@ -181,12 +181,20 @@ class ExportedController:
         return digest.hexdigest()[:16]
 
     @property
+    def package(self) -> str:
+        """The package of the law."""
+        try:
+            return package_of(self.name)
+        except KeyError:  # not registered
+            return str(self.law.update.__module__).partition(".")[0]
+
+    @property
     def licence(self) -> str:
         """The licence of the law's package."""
         from importlib.metadata import PackageNotFoundError, metadata
 
         try:
-            return str(metadata(package_of(self.name))["License"] or "see its package")
+            return str(metadata(self.package)["License"] or "see its package")
         except (PackageNotFoundError, KeyError):
             return "see its package"
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from math import inf
 
-from trunk_control.laws import package_of
 from trunk_msgs_util.provenance import ARITHMETIC
 
 from .constants import definition, real_literal
@@ -25,7 +24,7 @@ def heading(e: ExportedController, purpose: str) -> str:
     return f"""/* {e.law.label}: {purpose}.
  *
  * Written by trunk export-c {version("trunk_experiments")}; do not edit.
- * controller  {e.name} of {package_of(e.name)}{" (the law alone)" if e.bare else ""}
+ * controller  {e.name} of {e.package}{" (the law alone)" if e.bare else ""}
  * parameters  {e.digest}
  * sources     {e.fingerprint}
  * arithmetic  {ARITHMETIC}
