@@ -86,7 +86,7 @@ class Definitions(Constants):
 
     def local(self, name: str) -> str:
         """Return the C name of a local variable of Python."""
-        plain = name if name.isascii() else "v_" + name.encode("ascii", "backslashreplace").hex()
+        plain = re.sub(r"\W", "_", name if name.isascii() else f"v_{name.encode().hex()}")
         while plain in self.names or re.match(r"_[A-Z_]", plain):
             plain = f"{plain.lstrip('_') or 'unnamed'}_"
         self.local_names.add(plain)
