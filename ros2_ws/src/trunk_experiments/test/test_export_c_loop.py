@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trunk_control.laws import law_named
-from trunk_experiments.batch.closed_loop import ROWS, Batch, _noise, loop_of, start_of_loop
+from trunk_experiments.batch.compiled_run import ROWS, Batch, _noise, loop_of, start_of_loop
 from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
 from trunk_experiments.export_c.closed_loop import closed_loop

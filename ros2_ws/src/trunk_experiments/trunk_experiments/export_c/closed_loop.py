@@ -38,7 +38,7 @@ class ClosedLoop:
 
 
 def closed_loop(loop: Any, arguments: tuple[Any, ...]) -> ClosedLoop:
-    """Return the loop of `batch.closed_loop.loop_of` with its arguments as C. Raises UntranslatableError."""
+    """Return the loop of `batch.compiled_run.loop_of` with its arguments as C. Raises UntranslatableError."""
     program = Program()
     program.names |= {"states", "state", "count", "diverged", *_NAMES}
     types = [type_of(argument) for argument in arguments]
