@@ -11,7 +11,8 @@ import click
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.laws import law_named
 from trunk_msgs_util.files import atomic_write
-from trunk_msgs_util.parameters.files import check_names, read
+from trunk_msgs_util.parameters.declarations import values_of
+from trunk_msgs_util.parameters.files import Layer, Section, check_names, read
 
 from ..console.document import json_option, write_json
 from ..console.options import names_or_files, parameter_files
@@ -53,7 +54,7 @@ from ..recorded.run import RecordedRun
     "--like",
     type=click.Path(path_type=Path),
     metavar="RUN.mcap",
-    help="Replay this recording's states and commands; without --params and --set, with its parameters.",
+    help="Replay this recording's states and commands; its parameters come before --params and --set.",
 )
 @click.option("--law", "bare", is_flag=True, help="The law's update alone, without rate and turns.")
 @click.option("--cmake", is_flag=True, help="Also a CMakeLists.txt.")
@@ -139,11 +140,11 @@ def command(
 def _config(
     name: str, params: Sequence[str], settings: Sequence[str], run: RecordedRun | None
 ) -> ControllerConfig:
-    """Return the controller's configuration: the recording's, where nothing else is given."""
-    if run is not None and not params and not settings and name in run.parameters:
-        recorded: ControllerConfig = run.config(name)
-        return recorded
-    layers = [read(find_file(file)) for file in params]
+    """Return the controller's configuration: the recording's, then files, then single values."""
+    layers = []
+    if run is not None and name in run.parameters:
+        layers.append(Layer(str(run.path), (Section(name, dict(values_of(run.config(name)))),)))
+    layers += [read(find_file(file)) for file in params]
     layers += [parse_setting(setting) for setting in settings]
     check_names(layers, declared_names())
     config: ControllerConfig = config_from(name, layers, "").config
