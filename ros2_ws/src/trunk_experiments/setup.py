@@ -21,6 +21,7 @@ setup(
     package_data={
         name: [
             "py.typed",
+            "bench/*.c",
             "config/*.yaml",
             "export_c/templates/*.in",
             "export_c/templates/*/*.in",

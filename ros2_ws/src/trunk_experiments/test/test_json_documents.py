@@ -104,6 +104,7 @@ CASES = [
     Case("bench-1", "bench read a.mcap --rounds 1", code=None),
     Case("bench-1", "bench core"),
     Case("bench-1", "bench sweep"),
+    Case("bench-1", "bench export --rounds 1", code=None),
     Case("bench-1", "bench gym"),
     Case("bench-1", "bench lockstep"),
     Case("bench-1", "bench realtime"),
