@@ -164,7 +164,9 @@ class Translator(Assignment):
         for c, _ in self.outputs:
             build_in_output(self.root, c, self.declared)
         if self.arguments and self.outputs and self.arguments[0][1] == self.outputs[0][1]:
-            f.in_place = may_write_in_place(self.root, self.arguments[0][0], self.outputs[0][0])
+            callees = {callee.name for callee in self.program.ordered if callee.in_place}
+            given, output = self.arguments[0][0], self.outputs[0][0]
+            f.in_place = may_write_in_place(self.root, given, output, callees)
         words = self.root.words()
         for unused in [c for c, _ in (*self.arguments, *self.outputs) if c not in words]:
             self.root.body.insert(0, Line(f"(void){unused};"))

@@ -138,11 +138,11 @@ def _replace(block: Block, name: str, output: str) -> None:
             node.target = "" if node.target == name else node.target
 
 
-def may_write_in_place(root: Block, given: str, result: str) -> bool:
+def may_write_in_place(root: Block, given: str, result: str, callees: set[str]) -> bool:
     """Return True if nothing of an argument is read after an output is begun: they may be the same record.
 
-    An output is written behind all else, just before a return, or is a copy of the argument from the start; a
-    field may be copied onto itself.
+    An output is written behind all else, just before a return, or is a copy of the argument from the start;
+    the record, or a field, may be copied onto itself. ``callees`` may themselves do so.
     """
     whole = f"*{result} = *{given};"
     begins = [node for node in root.body if {given, result} & node.words()][:1]
@@ -151,15 +151,25 @@ def may_write_in_place(root: Block, given: str, result: str) -> bool:
         return uses == 1 and given not in root.words_of_heads()
     written = False
     for line in root.lines():
+        if line.text == whole or _passes_on(line.text, given, result, callees):
+            continue
         left, _, right = line.text.partition(" = ")
         written = written or result in line.words()
         if given in line.words() and written:
             field = left.partition("->")[2]
             itself = left == f"{result}->{field}" and right == f"{given}->{field};"
-            if line.text != whole and not (field and itself):
+            if not (field and itself):
                 return False
         written = written and line.text != "return;"
     return True
+
+
+def _passes_on(text: str, given: str, result: str, callees: set[str]) -> bool:
+    """Return True for a call, the last statement, with the argument and the output at the same places."""
+    match = re.fullmatch(rf"(\w+)\({given}, (.*?)\b{result}\b(.*)\);", text)
+    if match is None or match[1] not in callees:
+        return False
+    return not re.search(rf"&{given}\b|(?<![\w.>]){given}(?!->)\b", match[2] + match[3])
 
 
 def declare(block: Block, variables: Mapping[str, str]) -> None:

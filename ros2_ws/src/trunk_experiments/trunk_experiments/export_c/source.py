@@ -13,7 +13,7 @@ from .controller import ExportedController, Row
 from .emit import ARITHMETIC as PRELUDE
 from .emit import INCLUDES
 from .program import Translated
-from .types import Record
+from .types import Record, Type
 
 # What NAME_self_test() returns.
 FAULTS = ("SOUND", "CONTRACTED", "EXTENDED", "ROUNDED", "FLUSHED", "DIFFERENT")
@@ -160,13 +160,13 @@ def _public(e: ExportedController) -> str:
     answer = p.c_type(e.output_type)
     if e.bare:
         assert isinstance(e.state_type, Record)
-        memory = p.c_type(e.state_type.types[0])
-        update = f"""    {memory} next;
-    {e.update.name}(&controller->state.memory, sample, &controller->constants, &SETTINGS, &next, terms);
-    controller->state.memory = next;
-    if (!terms->held) {{
+        arguments = ["sample", "&controller->constants", "&SETTINGS"]
+        memory = e.state_type.types[0]
+        update = _changed(e, e.update, arguments, ", terms", "state.memory", memory)
+        update += """
+    if (!terms->held) {
         controller->state.sample = *sample;
-    }}"""
+    }"""
     else:
         arguments = ["reading", "&SETTINGS", "&controller->constants"]
         update = _changed(e, e.update, arguments, ", output")
@@ -190,13 +190,20 @@ def _public(e: ExportedController) -> str:
     return "\n\n".join([*parts, _self_test(e)])
 
 
-def _changed(e: ExportedController, f: Translated, arguments: list[str], others: str = "") -> str:
-    """Return the call of a function from the controller's state to the next one, and to other outputs."""
-    call = f"{f.name}({', '.join(['&controller->state', *arguments])}"
+def _changed(
+    e: ExportedController,
+    f: Translated,
+    arguments: list[str],
+    others: str = "",
+    place: str = "state",
+    t: Type | None = None,
+) -> str:
+    """Return the call of a function from a part of the controller to its next value, and to other outputs."""
+    call = f"{f.name}({', '.join([f'&controller->{place}', *arguments])}"
     if f.in_place:
-        return f"    {call}, &controller->state{others});"
-    kind = e.program.c_type(e.state_type)
-    return f"    {kind} next;\n    {call}, &next{others});\n    controller->state = next;"
+        return f"    {call}, &controller->{place}{others});"
+    kind = e.program.c_type(t or e.state_type)
+    return f"    {kind} next;\n    {call}, &next{others});\n    controller->{place} = next;"
 
 
 def _tuning(e: ExportedController) -> str:
