@@ -21,7 +21,10 @@ setup(
     package_data={
         name: [
             "py.typed",
+            "bench/*.c",
             "config/*.yaml",
+            "export_c/templates/*.in",
+            "export_c/templates/*/*.in",
             "paper/*.html.j2",
             "paper/*.css",
             "schemas/*.json",

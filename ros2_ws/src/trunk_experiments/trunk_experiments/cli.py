@@ -64,6 +64,7 @@ _FAMILIES = {
         "tune": "Compute gains and their margins, as a parameter file.",
         "import": "Take over rules of MATLAB, Octave, fuzzylite.",
         "controller": "Make a controller of your own, and check it.",
+        "export-c": "Write a controller as C, equal to the last bit.",
     },
 }
 # Seldom needed: not on the first screen.
@@ -197,7 +198,7 @@ def _help(context: click.Context, words: tuple[str, ...], everything: bool) -> N
 @click.group(
     cls=_Trunk,
     package=f"{__package__}.commands",
-    modules={"sweep": "study.sweep", "import": "import_rules"},
+    modules={"sweep": "study.sweep", "import": "import_rules", "export-c": "export_c"},
     overview=OVERVIEW,
     options_metavar="[--version]",
     subcommand_metavar="VERB [ARGS]...",

@@ -255,3 +255,17 @@ def gym(rounds: int, envs: int, as_json: bool) -> None:
     rows = bench_gym(rounds, envs)
     units = ("ours, 1/s", "CartPole, 1/s")
     _show_side_by_side(rows, as_json, rounds, units, lambda row: (row.ours_hz, row.theirs_hz))
+
+
+@command.command("export")
+@_rounds(7)
+@json_option("bench-1")
+def export(rounds: int, as_json: bool) -> None:
+    """Compare an exported law's update with the same law written by hand in C; the bits must be equal."""
+    from ..bench.exported import bench_export
+
+    rows = bench_export(rounds)
+    units = ("exported, ns", "by hand, ns")
+    _show_side_by_side(
+        rows, as_json, rounds, units, lambda row: (row.ours_s * 1e9, row.theirs_s * 1e9)
+    )

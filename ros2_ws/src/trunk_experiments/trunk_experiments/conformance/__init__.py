@@ -15,7 +15,7 @@ from .behaviour import finite_always, holds, pure, quick, types, within_limits
 from .changes import keeps_time, reconfigures, reset, transfers
 from .declared import bounded, named
 from .finding import LawCheck, LawFinding
-from .runs import compiles, recomputes
+from .runs import compiles, exports, recomputes
 from .sources import portable_source, pure_source
 
 __all__ = ["CHECKS", "LawCheck", "LawFinding", "conformance", "findings_of"]
@@ -36,6 +36,7 @@ CHECKS = (
     LawCheck("time", "it depends on time, not on the number of samples", keeps_time),
     LawCheck("quick", "an update takes less than 0.2 ms", quick),
     LawCheck("compiled", "compiled code gives the same bits", compiles),
+    LawCheck("exportable", "it can be written as C with the same bits", exports),
     LawCheck("replay", "a recording with it verifies", recomputes),
 )
 

@@ -77,6 +77,23 @@ def compiles(law: Law) -> Iterator[LawFinding]:
         )
 
 
+def exports(law: Law) -> Iterator[LawFinding]:
+    """Note what the translator to C refuses: its function, line and expression, and what to write instead."""
+    from ..export_c.controller import ExportedController
+    from ..export_c.types import UntranslatableError
+
+    try:
+        ExportedController(law, law.config())
+    except UntranslatableError as error:
+        yield LawFinding(
+            "exportable",
+            f"{error.function}, line {error.line}",
+            f"{error.text}: {error.problem}",
+            f"{error.remedy}; until then there is no trunk export-c of it",
+            note=True,
+        )
+
+
 def _seconds(plan: RunPlan) -> float:
     from ..batch.compiled_run import Batch
 

@@ -1,0 +1,189 @@
+"""Translated functions in a compiled program that reads arguments and writes results."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator, Sequence
+from math import isnan
+from pathlib import Path
+from struct import pack, unpack
+from tempfile import mkdtemp
+from typing import Any
+
+import pytest
+
+from trunk_experiments.export_c.emit import library
+from trunk_experiments.export_c.translate import Program
+from trunk_experiments.export_c.types import (
+    BOOLEAN,
+    REAL,
+    Record,
+    Scalar,
+    Table,
+    Type,
+    at_run_time,
+    type_of,
+)
+
+COMPILER = os.environ.get("CC") or shutil.which("gcc") or shutil.which("clang")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler: apt-get install gcc")
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+
+
+class Compiled:
+    """A function as a program: each call's arguments in, its results out. ``fixed``: places of constants."""
+
+    def __init__(
+        self,
+        function: Any,
+        examples: Sequence[Any],
+        fixed: Sequence[int] = (),
+        flags: Sequence[str] = ("-O2",),
+        changing: tuple[type, ...] = (),
+        program: Program | None = None,
+    ) -> None:
+        self.program = program or Program()
+        types = [type_of(example, changing=changing) for example in examples]
+        self.translated = f = self.program.function(function, types)
+        places = [i for i, t in enumerate(types) if at_run_time(t)]
+        self._read = [i for i in places if i not in fixed]
+        self._types = types
+        results = f.outputs or ([("result", f.result)] if at_run_time(f.result) else [])
+        self._results = [t for _, t in results]
+        head, body, arguments = [], [], []
+        for i in places:
+            kind = self.program.c_type(types[i])
+            if i in fixed:
+                head.append(
+                    f"static const {kind} a{i} = {self.program.initial(examples[i], types[i])};"
+                )
+            else:
+                body.append(f"{kind} a{i};")
+                body += [
+                    f"a{i}{path} = {_reader(t)};" for path, t in leaves(self.program, types[i])
+                ]
+            arguments.append(f"&a{i}" if isinstance(types[i], Record) else f"a{i}")
+        for name, t in results:
+            body.append(f"{self.program.c_type(t)} {name};")
+        if f.outputs:
+            body.append(
+                f"{f.name}({', '.join([*arguments, *(f'&{name}' for name, _ in results)])});"
+            )
+        else:
+            body.append(f"{'result = ' if results else ''}{f.name}({', '.join(arguments)});")
+        for name, t in results:
+            body += [f"{_writer(kind)}({name}{path});" for path, kind in leaves(self.program, t)]
+        roots = "\n".join([*head, *body])
+        main = "\n".join(
+            [
+                "#include <stdio.h>",
+                "static double rd(void) { double v = 0;",
+                "if (fread(&v, 8, 1, stdin) != 1) { v = 0; } return v; }",
+                "static int64_t ri(void) { int64_t v = 0;",
+                "if (fread(&v, 8, 1, stdin) != 1) { v = 0; } return v; }",
+                "static void wd(double v) { fwrite(&v, 8, 1, stdout); }",
+                "static void wi(int64_t v) { fwrite(&v, 8, 1, stdout); }",
+                *head,
+                "int main(void) {",
+                "for (int64_t n = ri(); n > 0; n--) {",
+                *body,
+                "}",
+                "(void)rd; (void)wd; (void)wi;",
+                "return 0;",
+                "}",
+            ]
+        )
+        self.text = library(self.program, roots) + main + "\n"
+        self.folder = Path(mkdtemp(prefix="trunk-c-"))
+        self._build(flags)
+
+    def _build(self, flags: Sequence[str]) -> None:
+        source, self.binary = self.folder / "program.c", self.folder / "program"
+        source.write_text(self.text)
+        compiler, flags = (
+            (flags[0], flags[1:]) if not flags[0].startswith("-") else (COMPILER, flags)
+        )
+        command = [str(compiler), *STRICT, *flags, str(source), "-o", str(self.binary)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr + self.text
+
+    def run(self, rows: Sequence[Sequence[Any]], prefix: Sequence[str] = ()) -> list[list[Any]]:
+        """Return the results of calls with these arguments, as flat lists of numbers."""
+        data = [pack("<q", len(rows))]
+        for row in rows:
+            for i, value in zip(self._read, row, strict=True):
+                data += [_packed(number) for number in _flat(value, self._types[i])]
+        done = subprocess.run(
+            [*prefix, str(self.binary)], input=b"".join(data), capture_output=True, check=True
+        )
+        kinds = [kind for t in self._results for _, kind in leaves(self.program, t)]
+        code = "".join("d" if kind == REAL else "q" for kind in kinds)
+        size = 8 * len(code)
+        chunks = [done.stdout[i : i + size] for i in range(0, len(done.stdout), size)]
+        return [list(unpack(f"<{code}", chunk)) for chunk in chunks]
+
+    def different(
+        self, rows: Sequence[Sequence[Any]], results: Sequence[Any], **options: Any
+    ) -> list[int]:
+        """Return the calls whose results differ from these by a bit; every NaN is equal to every other."""
+        computed = self.run(rows, **options)
+        assert len(computed) == len(results)
+        return [
+            k
+            for k, (mine, result) in enumerate(zip(computed, results, strict=True))
+            if not same(mine, list(self.flat(result)))
+        ]
+
+    def flat(self, result: Any) -> Iterator[Any]:
+        """Yield the numbers of a result of Python."""
+        plain = isinstance(self.translated.result, Record) and self.translated.result.kind is None
+        if plain:
+            for item, t in zip(result, self.translated.result.types, strict=True):
+                yield from _flat(item, t)
+        else:
+            yield from _flat(result, self.translated.result)
+
+
+def same(a: Sequence[Any], b: Sequence[Any]) -> bool:
+    """Return True if two lists of numbers have the same bits; every NaN is equal to every other."""
+    return len(a) == len(b) and all(
+        pack("<d", x) == pack("<d", y) or (isnan(x) and isnan(y))
+        if isinstance(x, float)
+        else not isinstance(y, float) and x == y
+        for x, y in zip(a, b, strict=True)
+    )
+
+
+def leaves(program: Program, t: Type, path: str = "") -> Iterator[tuple[str, Scalar]]:
+    """Yield the numbers in values of a type: their paths in C, and their types."""
+    if isinstance(t, Record):
+        for i, inner in enumerate(t.types):
+            if at_run_time(inner):
+                yield from leaves(program, inner, f"{path}.{program.field(t, i)}")
+    elif isinstance(t, Scalar):
+        yield path, t
+    elif not isinstance(t, Table):
+        raise TypeError(t)
+
+
+def _flat(value: Any, t: Type) -> Iterator[Any]:
+    if isinstance(t, Record):
+        for item, inner in zip(value, t.types, strict=True):
+            if at_run_time(inner):
+                yield from _flat(item, inner)
+    elif isinstance(t, Scalar) and at_run_time(t):
+        yield value if t == REAL else int(value)
+
+
+def _packed(number: Any) -> bytes:
+    return pack("<d", number) if isinstance(number, float) else pack("<q", number)
+
+
+def _reader(t: Scalar) -> str:
+    return "rd()" if t == REAL else "ri() != 0" if t == BOOLEAN else "ri()"
+
+
+def _writer(t: Scalar) -> str:
+    return "wd" if t == REAL else "wi"

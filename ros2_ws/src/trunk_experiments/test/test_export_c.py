@@ -1,0 +1,274 @@
+from __future__ import annotations
+
+import math
+import platform
+import random
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trunk_control.controller import Controller, settings_of
+from trunk_control.controller_config import ControllerConfig
+from trunk_control.decide import Reading, decide
+from trunk_control.law import Hip
+from trunk_control.laws import law_named
+from trunk_experiments.export_c.constants import real_literal
+from trunk_experiments.export_c.controller import ExportedController
+from trunk_experiments.export_c.files import base_files
+from trunk_experiments.export_c.replay import swinging_rows
+from trunk_experiments.plans.nodes import CONTROLLERS
+
+from .c_programs import COMPILER, STRICT, Compiled, needs_compiler
+from .faulty_laws import HONEST
+
+LAWS = {**{name: law_named(name) for name in CONTROLLERS}, "honest": HONEST}
+CHANGES = {
+    "fuzzy_pid": {"consequents": "log"},
+    "pid": {"antiwindup_strategy": "back_calculation", "derivative_filter_time": 0.02},
+    "lqr": {"reference_profile": "sine", "reference_amplitude": 0.2, "reference_frequency": 0.7},
+    "computed_torque": {"derivative_mode": "error", "cosines": (0.1, 0.0), "sines": (0.0, 0.05)},
+    "honest": {"active_times": (0.5, 2.0, 3.0)},
+}
+
+
+def config_of(name) -> ControllerConfig:
+    """Return a law's configuration off the beaten track."""
+    return LAWS[name].config(**CHANGES[name])
+
+
+def readings(rng, count):
+    """Yield readings: regular ones, with jumps of the time, numbers that are not finite, references."""
+    stamp_ns = 0
+    for _ in range(count):
+        stamp_ns += rng.choice(
+            (5_000_000, 5_000_000, 1_000_000, 4_999_000, 700_000_000, -3_000_000)
+        )
+
+        def number(size=1.0):
+            if rng.random() < 0.03:
+                return rng.choice((math.nan, math.inf, -math.inf, -0.0, 1e300, 5e-324, 40.0))
+            return rng.uniform(-size, size)
+
+        hip = Hip(number(), number())
+        yield Reading(
+            stamp_ns, number(), number(4.0), hip, number(20.0), rng.random() < 0.5, number()
+        )
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", LAWS)
+def test_decide_gives_cpythons_bits(name):
+    law, config = LAWS[name], config_of(name)
+    settings, constants = settings_of(config, law), config.constants
+    state, rng = Controller(config, law).state, random.Random(name)
+    rows, results = [], []
+    for reading in readings(rng, 2000):
+        rows.append((state, reading))
+        results.append(decide(state, reading, settings, constants, law.update, law.transfer))
+        state = results[-1][0]
+        if rng.random() < 0.02:
+            pace = state.pace._replace(active=False)
+            state = state._replace(pace=pace)
+        elif rng.random() < 0.02:
+            transfer = state.transfer._replace(pending=True, transferring=False)
+            state = state._replace(transfer=transfer)
+    arguments = (state, rows[0][1], settings, constants, law.update, law.transfer)
+    program = Compiled(decide, arguments, fixed=(2, 3), changing=(type(law.memory),))
+    assert program.different(rows, results) == []
+
+
+def written(exported, folder):
+    """Write an exported controller's files; return its sources."""
+    for name, text in base_files(exported, swinging_rows(exported, 200)).items():
+        (folder / name).write_bytes(text)
+    return [folder / f"{exported.name}.c", folder / "replay.c"]
+
+
+def built(folder, sources, *flags, compiler=COMPILER):
+    """Return a program of these sources; a warning is an error."""
+    binary = folder / "program"
+    words = [compiler, *STRICT, *flags, *map(str, sources), "-o", str(binary)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return binary
+
+
+def replayed(binary, folder, name, *prefix):
+    words = [*prefix, str(binary), str(folder / f"{name}.states")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=120)
+    return done.returncode, done.stdout + done.stderr
+
+
+@needs_compiler
+@pytest.mark.parametrize("bare", [False, True], ids=["controller", "law"])
+@pytest.mark.parametrize("name", LAWS)
+def test_the_files_compile_without_warnings_and_replay(name, bare, tmp_path):
+    exported = ExportedController(LAWS[name], config_of(name), bare)
+    sources = written(exported, tmp_path)
+    sanitised = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    code, out = replayed(built(tmp_path, sources, *sanitised), tmp_path, name)
+    assert code == 0
+    assert re.fullmatch(r"(\d+) of \1 commands equal\n", out)
+    compiler = shutil.which("g++")
+    if compiler and not bare:
+        flags = ["-x", "c++", *STRICT[1:], "-std=c++17", "-O2"]
+        words = [compiler, *flags, "-c", str(sources[0]), "-o", str(tmp_path / "x.o")]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+@needs_compiler
+def test_a_changed_command_is_named(tmp_path):
+    exported = ExportedController(LAWS["pid"], LAWS["pid"].config())
+    sources = written(exported, tmp_path)
+    states = bytearray((tmp_path / "pid.states").read_bytes())
+    states[16 + 80 * 7 + 64] ^= 1  # the last bit of the eighth command
+    (tmp_path / "pid.states").write_bytes(states)
+    code, out = replayed(built(tmp_path, sources), tmp_path, "pid")
+    assert code == 1
+    assert "199 of 200 commands equal" in out
+    assert "t = 35000 us" in out
+
+
+def x86_with(*features):
+    """Return whether this is gcc on an x86-64 with these features."""
+    cpu = Path("/proc/cpuinfo")
+    text = cpu.read_text() if cpu.exists() else ""
+    gcc = platform.machine() == "x86_64" and "gcc" in str(COMPILER)
+    return gcc and all(f" {feature}" in text for feature in features)
+
+
+@needs_compiler
+@pytest.mark.skipif(not x86_with("fma"), reason="needs gcc on an x86-64 with FMA")
+def test_the_self_test_finds_contraction(tmp_path):
+    exported = ExportedController(LAWS["pid"], LAWS["pid"].config())
+    sources = written(exported, tmp_path)
+    flags = ("-O2", "-mfma", "-ffp-contract=fast")
+    assert replayed(built(tmp_path, sources, *flags), tmp_path, "pid")[0] == 0  # by the pragma
+    text, pragma = sources[0].read_text(), '#pragma GCC optimize("fp-contract=off")'
+    assert pragma in text
+    sources[0].write_text(text.replace(pragma, ""))
+    code, out = replayed(built(tmp_path, sources, *flags), tmp_path, "pid")
+    assert code == 1
+    assert "contracts" in out
+
+
+@needs_compiler
+@pytest.mark.skipif(not x86_with(), reason="needs gcc on an x86-64")
+@pytest.mark.parametrize(
+    ("bits", "fault"), [("0x8040u", "FLUSHED"), ("0x2000u", "ROUNDED")], ids=["flush", "rounding"]
+)
+def test_the_self_test_finds_a_mode_of_the_processor(bits, fault, tmp_path):
+    sources = written(ExportedController(LAWS["pid"], LAWS["pid"].config()), tmp_path)
+    main = tmp_path / "main.c"
+    mode = f"__builtin_ia32_ldmxcsr(__builtin_ia32_stmxcsr() | {bits});"
+    test = f"return pid_self_test() == PID_{fault} ? 0 : 1;"
+    main.write_text(f'#include "pid.h"\nint main(void) {{ {mode} {test} }}\n')
+    binary = built(tmp_path, [sources[0], main], "-O2")
+    assert subprocess.run([str(binary)], check=False).returncode == 0
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    "flag", ["-ffast-math", "-Ofast", "-funsafe-math-optimizations", "-mfpmath=387"]
+)
+def test_flags_that_change_bits_are_refused_or_found(flag, tmp_path):
+    exported = ExportedController(LAWS["pid"], LAWS["pid"].config())
+    sources = written(exported, tmp_path)
+    words = [str(COMPILER), "-std=c99", flag, *map(str, sources), "-o", str(tmp_path / "program")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode:
+        assert "#error" in done.stderr or "not recognized" in done.stderr
+        return
+    code, out = replayed(tmp_path / "program", tmp_path, "pid")
+    assert (code, out[:9]) == (1, "self-test")
+
+
+def retuned_program(exported, folder, parameters, samples):
+    """Return a program that answers some readings, takes new parameters, and answers others."""
+    n = exported.name
+    lines = [
+        f'#include "{n}.h"',
+        "#include <stdio.h>",
+        '#define NOT_A_NUMBER __builtin_nan("")',
+        "int main(void) {",
+    ]
+    lines += [f"static {n}_Controller c; {n}_Reading r; {n}_Output o; {n}_Parameters p;"]
+    lines += [f"{n}_reset(&c);"]
+    for reading, change in samples:
+        if change:
+            lines += [f"{n}_parameters(&c, &p);"]
+            lines += [f"p.{name} = {real_literal(value)};" for name, value in parameters.items()]
+            lines += [f'printf("%d\\n", {n}_retune(&c, &p));']
+        cells = (reading.position, reading.velocity, *reading.hip, reading.effort)
+        names = ("position", "velocity", "hip.position", "hip.velocity", "effort")
+        lines += [
+            f"r.stamp_ns = INT64_C({reading.stamp_ns}); r.has_reference = false; r.reference = 0.0;"
+        ]
+        lines += [f"r.{name} = {value.hex()};" for name, value in zip(names, cells, strict=True)]
+        lines += [f'{n}_update(&c, &r, &o); printf("%a\\n", o.effort);']
+    (folder / "main.c").write_text("\n".join([*lines, "return 0; }"]))
+    binary = built(folder, [folder / f"{n}.c", folder / "main.c"])
+    return subprocess.run([str(binary)], capture_output=True, text=True, check=True).stdout.split()
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_new_parameters_on_the_target_as_in_the_node(name, tmp_path):
+    law, config = LAWS[name], LAWS[name].config()
+    exported = ExportedController(law, config)
+    written(exported, tmp_path)
+    leaf = exported.leaves[-1]
+    assert exported.leaves
+    value = 1.25 * float(exported.values[leaf.declaration.name])
+    samples = [(row.reading, k == 5) for k, row in enumerate(exported.answers(10))]
+    controller = Controller(config, law)
+    field = next(
+        f for f in config.__dataclass_fields__.values() if leaf.declaration in f.metadata.values()
+    )
+    expected = []
+    for reading, change in samples:
+        if change:
+            controller.reconfigure(replace(config, **{field.name: value}))
+            expected.append("1")
+        expected.append(controller.decide(reading).effort.hex())
+    out = retuned_program(exported, tmp_path, {leaf.name: value}, samples)
+    assert [float.fromhex(x) for x in out] == [float.fromhex(x) for x in expected]
+    out = retuned_program(exported, tmp_path, {leaf.name: math.nan}, samples[5:6])
+    assert out[0] == "0"
+
+
+def test_parameters_that_may_change_are_numbers_of_the_constants():
+    exported = ExportedController(LAWS["fuzzy_pid"], LAWS["fuzzy_pid"].config())
+    names = [leaf.declaration.name for leaf in exported.leaves]
+    assert names == ["gains.p_min", "gains.p_max", "gains.d_min", "gains.d_max"]
+
+
+def test_the_text_says_where_it_comes_from():
+    config = LAWS["fuzzy_pid"].config()
+    exported = ExportedController(LAWS["fuzzy_pid"], config)
+    text = base_files(exported, swinging_rows(exported, 2))["fuzzy_pid.c"].decode()
+    for piece in (
+        f"parameters  {exported.digest}",
+        f"sources     {exported.fingerprint}",
+        "arithmetic  portable-1",
+        "licence     Apache-2.0",
+        "static const double alpha",
+        "static const double elementary_2_PI = 0x1.921fb54442d18p+2 /* 6.283185307179586 */;",
+        "/* trunk_control.fuzzy.infer: Return (Kp', Kd', alpha) by product inference",
+    ):
+        assert piece in text
+    assert not re.search(r"malloc|\bsqrt\b|printf", text)
+    other = ExportedController(LAWS["fuzzy_pid"], replace(config, p_min=31.0))
+    assert (other.digest != exported.digest, other.fingerprint) == (True, exported.fingerprint)
+
+
+def test_random_inputs_are_the_same_each_time():
+    exported = ExportedController(LAWS["pid"], LAWS["pid"].config())
+    assert exported.answers(20) == exported.answers(20)
+    assert np.isfinite([row.effort for row in exported.answers(20)]).all()

@@ -1,0 +1,184 @@
+"""Faults planted in the translator: the tests of its bits find each."""
+
+from __future__ import annotations
+
+import ast
+
+import pytest
+
+from trunk_experiments.export_c import (
+    calls,
+    constants,
+    function,
+    helpers,
+    operators,
+    translate,
+)
+from trunk_experiments.export_c.types import UntranslatableError, Value
+
+from . import translatable as t
+from .c_programs import needs_compiler
+from .test_export_c_functions import differences
+
+pytestmark = [needs_compiler, pytest.mark.slow]
+
+
+def helper(name, old, new):
+    """Change a helper's text."""
+
+    def plant(monkeypatch):
+        text = helpers.HELPERS[name]
+        assert old in text
+        monkeypatch.setitem(helpers.HELPERS, name, text.replace(old, new))
+
+    return plant
+
+
+def attribute(owner, name, new):
+    """Replace an attribute of a class or a module."""
+    return lambda monkeypatch: monkeypatch.setattr(owner, name, new)
+
+
+def changed(owner, name, change):
+    """Change what a method returns."""
+    before = getattr(owner, name)
+    return attribute(owner, name, lambda self, *a, **k: change(before(self, *a, **k)))
+
+
+def not_greater_is_less(monkeypatch):
+    before = function.Translator._x_unaryop
+
+    def wrong(self, node):
+        inner = node.operand
+        if isinstance(node.op, ast.Not) and isinstance(inner, ast.Compare):
+            opposite = ast.copy_location(
+                ast.Compare(inner.left, [ast.LtE()], inner.comparators), inner
+            )
+            return self.expression(opposite)
+        return before(self, node)
+
+    monkeypatch.setattr(function.Translator, "_x_unaryop", wrong)
+
+
+def globals_first(monkeypatch):
+    before = function.Translator._x_name
+
+    def wrong(self, node):
+        known = node.id in self.python.__globals__
+        if known and node.id not in {n for n, _ in self.arguments}:
+            node = ast.copy_location(ast.Name(node.id, ast.Load()), node)
+            value = self.python.__globals__[node.id]
+            return self._outer(node, value, node.id)
+        return before(self, node)
+
+    monkeypatch.setattr(function.Translator, "_x_name", wrong)
+
+
+def names_ignored(monkeypatch):
+    before = function.Translator._function
+
+    def wrong(self, node, callee, given, named, alone, target):
+        return before(self, node, callee, [*given, *named.values()], {}, alone, target)
+
+    monkeypatch.setattr(function.Translator, "_function", wrong)
+
+
+def writes_in_place(monkeypatch):
+    monkeypatch.setattr(function, "may_write_in_place", lambda *_: True)
+    monkeypatch.setattr(function.Translator, "_read_before", lambda self, value, *_: value)
+
+
+def every_branch(monkeypatch):
+    """A condition's statements are not put behind what decides before."""
+
+    def wrong(self, node):
+        terms = [self.expression(operand).code for operand in node.values]
+        return Value(operators.BOOLEAN, f"({' || '.join(terms)})")
+
+    monkeypatch.setattr(function.Translator, "_x_boolop", wrong)
+
+
+def reversed_outputs(monkeypatch):
+    before = calls.Calls._written
+    monkeypatch.setattr(
+        function.Translator, "_written", lambda self, f, places: before(self, f, places[::-1])
+    )
+
+
+def or_for_and(value):
+    return Value(value.type, value.code.replace("&&", "||"), value.known)
+
+
+FAULTS = {
+    "integer division truncates": (helper("floor_div", "q - 1 : q", "q : q"), t.integer_division),
+    "the remainder has the dividend's sign": (
+        helper("floor_mod", "r + b : r", "r : r"),
+        t.integer_division,
+    ),
+    "a quotient of long integers is rounded twice": (
+        helper(
+            "quotient", "if (a >= -exact && a <= exact && b >= -exact && b <= exact)", "if (b != 0)"
+        ),
+        t.wide_integers,
+    ),
+    "min in the other order": (
+        helper("real_min", "b < a ? b : a", "a < b ? a : b"),
+        t.least_and_greatest,
+    ),
+    "max in the other order": (
+        helper("real_max", "b > a ? b : a", "a > b ? a : b"),
+        t.least_and_greatest,
+    ),
+    "not a > b is a <= b": (not_greater_is_less, t.nan_comparisons),
+    "a chain of comparisons is or": (
+        changed(function.Translator, "_x_compare", or_for_and),
+        t.chained,
+    ),
+    "results in the other order": (reversed_outputs, t.several_results),
+    "parallel assignment one by one": (
+        attribute(function.Translator, "mentions", lambda self, *_: False),
+        t.swaps,
+    ),
+    "a local name means the global": (globals_first, t.shadows),
+    "named arguments by place": (names_ignored, t.calls_with_names),
+    "negative indices are 0": (helper("index_in", "i + length", "0"), t.indices),
+    "floor truncates": (helper("floor_of", "i - 1 : i", "i : i"), t.numbers),
+    "abs keeps the sign of -0.0": (helper("real_abs", "x + 0.0", "x"), t.numbers),
+    "constants in fifteen digits": (
+        attribute(constants, "definition", lambda number: f"{number:.15g}"),
+        t.elementary,
+    ),
+    "a result is written over its argument": (writes_in_place, t.writes_over),
+    "and, or evaluate everything": (every_branch, t.short_circuits),
+    "- adds": (
+        lambda monkeypatch: monkeypatch.setitem(operators._ARITHMETIC, ast.Sub, ("+", int.__sub__)),
+        t.swaps,
+    ),
+    "an element too early": (
+        lambda monkeypatch: monkeypatch.setattr(
+            translate.Program,
+            "table",
+            lambda self, values, kind, name="table", b=translate.Program.table: b(
+                self, (*values[1:], values[0]), kind, name
+            ),
+        ),
+        t.indices,
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_planted_fault_is_found(fault, monkeypatch):
+    plant, translated = FAULTS[fault]
+    plant(monkeypatch)
+    assert is_found(translated)
+
+
+def is_found(translated):
+    """Return whether bits differ, or there is nothing to compare."""
+    try:
+        return differences(translated, t.CALLS[translated], flags=("-O1", "-Wno-error")) != []
+    except UntranslatableError:
+        return True
+    except AssertionError as error:  # of the compiler
+        return "error:" in str(error)

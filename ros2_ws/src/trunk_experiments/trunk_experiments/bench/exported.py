@@ -1,0 +1,79 @@
+"""An exported law's update against the same law by hand in C: time per update, both in one program.
+
+The program first asserts that both give the same commands, bit by bit.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from importlib.resources import files
+from pathlib import Path
+from statistics import median
+
+from trunk_control.laws import law_named
+
+from ..errors import NotInstalledError
+from ..export_c.controller import ExportedController
+from ..export_c.source import header, source
+from .core import BenchRow
+
+LAWS = ("pid", "fuzzy_pid")
+GOAL = 1.3  # at most: our time to theirs
+_NAMES = {
+    "SAMPLE": "Sample",
+    "CONTROLLER": "Controller",
+    "TERMS": "Terms",
+    "RESET": "reset",
+    "UPDATE": "update",
+}
+_TABLES = {
+    "ERROR_PEAKS": "error_peaks",
+    "RATE_PEAKS": "rate_peaks",
+    "KP": "kp",
+    "KD": "kd",
+    "ALPHA": "alpha",
+}
+
+
+def bench_export(rounds: int = 7) -> list[BenchRow]:
+    """Return a row for each law. Raises NotInstalledError without a C compiler."""
+    compiler = os.environ.get("CC") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        raise NotInstalledError("bench export needs a C compiler: apt-get install gcc")
+    return [_row(name, compiler, rounds) for name in LAWS]
+
+
+def _row(name: str, compiler: str, rounds: int) -> BenchRow:
+    law = law_named(name)
+    exported = ExportedController(law, law.config(), bare=True)
+    with tempfile.TemporaryDirectory(prefix="trunk-bench-") as place:
+        folder = Path(place)
+        (folder / f"{name}.h").write_text(header(exported))
+        (folder / f"{name}.c").write_text(source(exported))
+        (folder / "law.h").write_text(_glue(name))
+        for own in ("by_hand.c", "exported.c"):
+            text = Path(str(files(__package__))) / own
+            (folder / own).write_text(text.read_text("utf-8"))
+        words = [compiler, "-std=c99", "-O2", "exported.c", "-o", "bench"]
+        subprocess.run(words, cwd=folder, check=True)
+        out = subprocess.run(
+            ["./bench", str(rounds)], cwd=folder, capture_output=True, text=True, check=True
+        ).stdout
+    pairs = [tuple(map(float, line.split())) for line in out.splitlines()]
+    ratio = median(ours / theirs for ours, theirs in pairs)
+    ours_s, theirs_s = (1e-9 * median(side) for side in zip(*pairs, strict=True))
+    title = f"{law.label}, exported / by hand"
+    return BenchRow(title, ours_s, theirs_s, ratio, f"<= {GOAL:g}", ratio <= GOAL)
+
+
+def _glue(name: str) -> str:
+    """Return the header that gives the program the law under names of its own."""
+    lines = ["#define _POSIX_C_SOURCE 199309L", f'#include "{name}.c"']
+    lines += [f"#define LAW_{own} {name}_{theirs}" for own, theirs in _NAMES.items()]
+    if name == "fuzzy_pid":
+        lines += ["#define FUZZY"]
+        lines += [f"#define {own} (INITIAL.constants.item0.{t})" for own, t in _TABLES.items()]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,174 @@
+"""``trunk export-c``: a controller with its parameters as C, equal to the last bit."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from trunk_control.controller_config import ControllerConfig
+from trunk_control.laws import law_named
+from trunk_msgs_util.files import atomic_write
+from trunk_msgs_util.parameters.declarations import values_of
+from trunk_msgs_util.parameters.files import Layer, Section, check_names, read
+
+from ..console.document import json_option, write_json
+from ..console.options import names_or_files, parameter_files
+from ..console.outputs import check_not_read
+from ..console.plan_options import ControllerName
+from ..console.reading import open_run
+from ..errors import PlanError
+from ..plans.files import find_file, parse_setting
+from ..plans.layers import config_from
+from ..plans.nodes import declared_names
+from ..recorded.run import RecordedRun
+
+
+@click.command("export-c")
+@click.argument("controller", type=ControllerName())
+@click.option(
+    "--params",
+    multiple=True,
+    metavar="FILE",
+    help="A parameter file, by path or shipped name; repeatable, later ones win.",
+    shell_complete=names_or_files(parameter_files),
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NODE.PARAM=VALUE",
+    help="One value, overrides all files; in SI units, or with a unit, such as 45deg; repeatable.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="The folder to write; it is made.",
+)
+@click.option("--force", is_flag=True, help="Replace files of the same names in it.")
+@click.option(
+    "--like",
+    type=click.Path(path_type=Path),
+    metavar="RUN.mcap",
+    help="Replay this recording's states and commands; its parameters come before --params and --set.",
+)
+@click.option("--law", "bare", is_flag=True, help="The law's update alone, without rate and turns.")
+@click.option("--cmake", is_flag=True, help="Also a CMakeLists.txt.")
+@click.option(
+    "--ros2-control", "ros2_control", is_flag=True, help="Also a plug-in for ros2_control."
+)
+@click.option(
+    "--arduino", is_flag=True, help="Also an Arduino library, with a sketch that compares."
+)
+@json_option("export-c-1")
+def command(
+    controller: str,
+    params: tuple[str, ...],
+    settings: tuple[str, ...],
+    output: Path,
+    force: bool,
+    like: Path | None,
+    bare: bool,
+    cmake: bool,
+    ros2_control: bool,
+    arduino: bool,
+    as_json: bool,
+) -> None:
+    """Write CONTROLLER with its parameters as C99: every command has the bits that it has in Python.
+
+    Without --params, --set and --like its parameters are the defaults.
+    """
+    from ..export_c.controller import ExportedController
+    from ..export_c.files import arduino_files, base_files, cmake_files, ros2_control_files
+    from ..export_c.replay import bare_rows, recorded_rows, swinging_rows
+
+    if bare and ros2_control:
+        raise PlanError(
+            "--law --ros2-control: the plug-in needs the whole controller: leave out --law"
+        )
+    if output.exists() and not output.is_dir():
+        raise PlanError(f"--output {output}: it is not a folder: give another")
+    run = None if like is None else open_run(like)
+    config = _config(controller, params, settings, run)
+    exported = ExportedController(law_named(controller), config, bare)
+    rows = swinging_rows(exported)
+    if run is not None:
+        rows = recorded_rows(run, exported)
+        if not any(row.compared for row in rows):
+            raise PlanError(f"--like {like}: it has no commands of {controller}: give a whole run")
+    if bare:
+        rows = bare_rows(exported, rows)
+    origin = "CPython" if run is None or bare else f"{run.path.name}"
+    texts = base_files(exported, rows)
+    texts |= cmake_files(exported) if cmake else {}
+    texts |= ros2_control_files(exported) if ros2_control else {}
+    texts |= arduino_files(exported, rows, origin) if arduino else {}
+    written = _written(output, texts, force, [*params, *([like] if like else [])])
+    source = output / f"{controller}.c"
+    words = ["cc", "-std=c99", "-O2", source, output / "replay.c", "-o", output / "replay"]
+    compile_command = [str(word) for word in words]
+    run_command = [str(_runnable(output / "replay")), str(output / f"{controller}.states")]
+    compared = sum(row.compared for row in rows)
+    if as_json:
+        values = {
+            "controller": controller,
+            "law_alone": bare,
+            "folder": output,
+            "files": written,
+            "parameters": exported.digest,
+            "sources": exported.fingerprint,
+            "arithmetic": "portable-1",
+            "retunable": [leaf.declaration.name for leaf in exported.leaves],
+            "states": len(rows),
+            "commands": compared,
+            "answered_by": origin,
+            "compile": compile_command,
+            "replay": run_command,
+        }
+        write_json("export-c-1", values)
+        return
+    for path in written:
+        click.echo(path)
+    click.echo(f"to compare {compared} commands, answered by {origin}, bit by bit:")
+    click.echo(f"  {shlex.join(compile_command)} && {shlex.join(run_command)}")
+
+
+def _config(
+    name: str, params: Sequence[str], settings: Sequence[str], run: RecordedRun | None
+) -> ControllerConfig:
+    """Return the controller's configuration: the recording's, then files, then single values."""
+    layers = []
+    if run is not None and name in run.parameters:
+        layers.append(Layer(str(run.path), (Section(name, dict(values_of(run.config(name)))),)))
+    layers += [read(find_file(file)) for file in params]
+    layers += [parse_setting(setting) for setting in settings]
+    check_names(layers, declared_names())
+    config: ControllerConfig = config_from(name, layers, "").config
+    return config
+
+
+def _runnable(path: Path) -> Path | str:
+    return path if path.is_absolute() or len(path.parts) > 1 else f"./{path}"
+
+
+def _written(
+    folder: Path, texts: dict[str, bytes], force: bool, inputs: Sequence[str | Path]
+) -> list[Path]:
+    """Write files into a folder, all or, where one exists, none. Raises PlanError."""
+    paths = [folder / name for name in texts]
+    for path in paths:
+        if path.exists():
+            check_not_read(path, inputs)
+            if not force or not path.is_file():
+                raise PlanError(
+                    f"--output {folder}: {path} exists: give another folder, or --force"
+                )
+    for path, text in zip(paths, texts.values(), strict=True):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(path) as part:
+            part.write_bytes(text)
+    return paths

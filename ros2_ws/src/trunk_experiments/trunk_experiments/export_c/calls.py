@@ -1,0 +1,391 @@
+"""What expressions call, and elements of tables and arrays: named tuples, functions, built-in functions."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import inspect
+import math
+from collections import Counter
+from collections.abc import Callable
+from types import FunctionType
+from typing import Any
+
+from .layout import Block, Line, words_in
+from .program import Definitions, Translated
+from .types import (
+    BOOLEAN,
+    INTEGER,
+    INTEGERS,
+    NATURAL,
+    NUMBERS,
+    REAL,
+    Array,
+    Record,
+    Static,
+    Table,
+    Type,
+    UntranslatableError,
+    Value,
+    at_run_time,
+    joined,
+    shown,
+)
+
+_REMEDIES: dict[Any, tuple[str, str]] = {
+    pow: ("it is the C library's pow", "multiply"),
+    round: ("rounds halves to even numbers", "use math.floor(x + 0.5)"),
+    divmod: ("two results of integers", "use // and %"),
+    sum: ("sums are not translated", "add in a for loop"),
+    enumerate: ("enumerate is not translated", "loop over range(len(...))"),
+    zip: ("zip is not translated", "loop over range(len(...))"),
+    all: ("all is not translated", "use and, or a for loop"),
+    any: ("any is not translated", "use or, or a for loop"),
+    isinstance: ("types are not values", "compare with is None"),
+    tuple: ("tuples have a fixed length", "write the elements"),
+    sorted: ("sorting is not translated", "compare the elements"),
+    print: ("it prints", "return terms"),
+}
+_TO_INTEGER: dict[Any, str] = {
+    math.floor: "floor_of",
+    math.ceil: "ceiling_of",
+    math.trunc: "truncated",
+}
+
+
+class Calls:
+    """What `function.Translator` knows of calls and elements."""
+
+    program: Definitions
+    python: Any
+    variables: dict[str, Any]
+    stores: Counter[str]
+    declared: dict[str, str]
+    fresh: set[str]
+    block: Block
+    writes: bool
+    returning: bool
+    result: Type | None
+    outputs: list[tuple[str, Type]]
+    begin_result: Callable[[Type], None]
+    refused: Callable[[ast.AST, str, str], UntranslatableError]
+    expression: Callable[[ast.expr], Value]
+    fields: Callable[[Value], list[Value]]
+    emit: Callable[..., None]
+    temporary: Callable[[Type, str], str]
+    in_memory: Callable[[Value, str], Value]
+    converted: Callable[[Value, Type, ast.AST], Value]
+    made: Callable[..., Value]
+    bare: Callable[[str], str]
+    mentions: Callable[[Value, str], bool]
+
+    # Elements ------------------------------------------------------------------------------------------
+
+    def element(self, value: Value, node: ast.Subscript) -> Value:
+        """Return an element of a tuple, a table or an array."""
+        t = value.type
+        if isinstance(t, Array):
+            return self._of_array(value, t, node)
+        index = self.expression(node.slice)
+        if index.type not in INTEGERS:
+            raise self.refused(node, f"an index of {shown(index.type)}", "use an int")
+        length = t.length if isinstance(t, Table) else len(t.types)  # type: ignore[union-attr]
+        if isinstance(t, Table) and length == 0:  # never reached: Python would raise
+            return Value(t.element, self.program.literal(0.0 if t.element == REAL else 0))
+        if index.is_known:
+            if not -length <= index.known < length:
+                raise self.refused(node, f"it has {length} elements", "use an index within them")
+            return self.fields(value)[int(index.known)]
+        if isinstance(t, Record) and not t.row:
+            raise self.refused(
+                node, "an index that is not known, of different types", "use a literal index"
+            )
+        code = self.bare(index.code)
+        if index.type != NATURAL:
+            code = f"index_in({code}, {length})"
+        if isinstance(t, Table):
+            return Value(t.element, f"{value.code}[{code}]", place=True)
+        memory = self.in_memory(value, "row")
+        assert isinstance(t, Record)
+        owner = memory.code
+        place = f"{owner[2:-1]}->v" if owner.startswith("(*") else f"{owner}.v"
+        return Value(t.types[0], f"{place}[{code}]", place=True)
+
+    def _of_array(self, value: Value, t: Array, node: ast.Subscript) -> Value:
+        indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        if len(indices) != t.dimensions:
+            raise self.refused(
+                node, f"an array of {t.dimensions} dimensions", "give an index for each"
+            )
+        codes = []
+        for i, single in zip(
+            indices, ("rows", "columns") if t.dimensions == 2 else ("length",), strict=True
+        ):
+            index = self.expression(i)
+            if index.type not in INTEGERS:
+                raise self.refused(node, f"an index of {shown(index.type)}", "use an int")
+            code = self.bare(index.code)
+            if index.type != NATURAL:
+                code = f"index_in({code}, {value.code}.{single})"
+            codes.append(code)
+        if t.dimensions == 2:
+            place = f"{value.code}.data[({codes[0]}) * {value.code}.columns + {codes[1]}]"
+        else:
+            place = f"{value.code}.data[{codes[0]}]"
+        return Value(t.element, place, place=True)
+
+    # Calls ---------------------------------------------------------------------------------------------
+
+    def _x_call(self, node: ast.Call) -> Value:
+        return self.call(node)
+
+    def call(self, node: ast.Call, alone: bool = False, target: ast.expr | None = None) -> Value:
+        """Return the value of a call; ``alone``: it is all of a statement, or of its right side."""
+        returned, self.returning = self.returning, False
+        if any(isinstance(a, ast.Starred) for a in node.args) or any(
+            k.arg is None for k in node.keywords
+        ):
+            raise self.refused(node, "a star in a call", "name each argument")
+        if isinstance(node.func, ast.Attribute) and node.func.attr == "_replace":
+            return self._replaced(node, node.func.value)
+        function = self.expression(node.func)
+        if not isinstance(function.type, Static):
+            raise self.refused(node, f"a call of {shown(function.type)}", "call a function")
+        callee = function.type.value
+        arguments = [self.expression(a) for a in node.args]
+        named = {str(k.arg): self.expression(k.value) for k in node.keywords}
+        if isinstance(callee, type) and issubclass(callee, tuple) and hasattr(callee, "_fields"):
+            return self._record(node, callee, arguments, named)
+        if isinstance(callee, FunctionType):
+            self.returning = returned
+            return self._function(node, callee, arguments, named, alone, target)
+        if named:
+            raise self.refused(
+                node, "named arguments of a built-in function", "leave out the names"
+            )
+        return self._built_in(node, callee, arguments)
+
+    def _replaced(self, node: ast.Call, owner: ast.expr) -> Value:
+        value = self.expression(owner)
+        t = value.type
+        if not isinstance(t, Record) or t.kind is None or node.args:
+            raise self.refused(node, "_replace of what is no named tuple", "make a new tuple")
+        parts = dict(zip(t.names, self.fields(value), strict=True))
+        for keyword in node.keywords:
+            if keyword.arg not in parts:
+                raise self.refused(node, f"there is no field {keyword.arg}", "see the named tuple")
+            before, new = parts[keyword.arg].type, self.expression(keyword.value)
+            if joined(before, new.type) is None:
+                problem = f"{keyword.arg} was {shown(before)}, and becomes {shown(new.type)}"
+                raise self.refused(node, problem, "keep its type: 0.0 for 0")
+            parts[keyword.arg] = new
+        return self.made(t.kind, list(parts.values()))
+
+    def _record(
+        self, node: ast.Call, kind: type[Any], given: list[Value], named: dict[str, Value]
+    ) -> Value:
+        fields: tuple[str, ...] = kind._fields
+        defaults: dict[str, Any] = getattr(kind, "_field_defaults", {})
+        values = list(given)
+        for name in fields[len(given) :]:
+            if name in named:
+                values.append(named.pop(name))
+            elif name in defaults:
+                values.append(self.program.value(defaults[name]))
+        if named or len(values) != len(fields):
+            raise self.refused(
+                node,
+                f"{kind.__name__} has the fields {', '.join(fields)}",
+                "give each of them once",
+            )
+        return self.made(kind, values)
+
+    def _function(
+        self,
+        node: ast.Call,
+        callee: FunctionType,
+        given: list[Value],
+        named: dict[str, Value],
+        alone: bool,
+        target: ast.expr | None,
+    ) -> Value:
+        values = list(given)
+        for parameter in list(inspect.signature(callee).parameters.values())[len(given) :]:
+            if parameter.name in named:
+                values.append(named.pop(parameter.name))
+            elif parameter.default is not inspect.Parameter.empty:
+                values.append(self.program.value(parameter.default))
+            else:
+                raise self.refused(
+                    node, f"{parameter.name} is not given", "give each argument once"
+                )
+        if named or len(values) != len(inspect.signature(callee).parameters):
+            raise self.refused(node, "it is given what it does not take", "give each argument once")
+        f = self.program.function(callee, [value.type for value in values])
+        codes = [self._argument(value) for value in values if at_run_time(value.type)]
+        if f.writes:
+            self.writes = True
+            if not alone:
+                raise self.refused(
+                    node, "it writes into an array", "assign its result on a line of its own"
+                )
+        if not f.outputs:
+            code = f"{f.name}({', '.join(codes)})"
+            if f.writes and at_run_time(f.result):
+                c = self.temporary(f.result, callee.__name__.strip("_"))
+                self.emit(f"{c} = {code};", c)
+                return Value(f.result, c, place=True)
+            return Value(f.result, code)
+        return self._with_outputs(f, codes, values, target)
+
+    def _argument(self, value: Value) -> str:
+        if not isinstance(value.type, Record):
+            return self.bare(value.code)
+        code = self.in_memory(value, _hint(value.type)).code
+        return code[2:-1] if code.startswith("(*") else f"&{code}"
+
+    def _with_outputs(
+        self, f: Translated, codes: list[str], values: list[Value], target: ast.expr | None
+    ) -> Value:
+        """Call a function that writes through pointers: into the target, where that is no argument."""
+        returned, self.returning = self.returning, False
+        if returned and self.result is None:
+            self.begin_result(f.result)
+        if returned and [t for _, t in f.outputs] == [t for _, t in self.outputs]:
+            outputs = [c for c, _ in self.outputs]
+            self.block.body.append(Line(f"{f.name}({', '.join([*codes, *outputs])});"))
+            return self._written(f, [f"(*{c})" for c in outputs])
+        plain = isinstance(f.result, Record) and f.result.kind is None
+        live = [i for i, t in enumerate(f.result.types) if at_run_time(t)] if plain else [0]  # type: ignore[union-attr]
+        targets: list[ast.expr | None] = [None] * len(f.outputs)
+        if plain and isinstance(target, ast.Tuple):
+            if len(target.elts) == len(f.result.types):  # type: ignore[union-attr]
+                targets = [target.elts[i] for i in live]
+        elif not plain:
+            targets = [target]
+        names = [t.id for t in targets if isinstance(t, ast.Name)]
+        used = {v.value.code for v in self.variables.values()}
+        places = []
+        for (c, t), single in zip(f.outputs, targets, strict=True):
+            variable = self.variables.get(single.id) if isinstance(single, ast.Name) else None
+            place = variable.value.code if variable is not None else ""
+            usable = (
+                variable is not None
+                and variable.type == t
+                and place in self.declared
+                and names.count(getattr(single, "id", "")) == 1
+                and not any(place in words_in(code) for code in behind(f, codes, c, place))
+            )
+            hint = (
+                single.id.strip("_") if isinstance(single, ast.Name) and single.id.strip("_") else c
+            )
+            places.append(
+                place
+                if usable
+                else self.temporary(t, hint if hint != c else f.python.__name__.strip("_"))
+            )
+        self.fresh |= {c for c in places if c not in used}
+        whole = [*codes, *(f"&{place}" for place in places)]
+        self.block.body.append(Line(f"{f.name}({', '.join(whole)});", places[0]))
+        return self._written(f, places)
+
+    def _written(self, f: Translated, places: list[str]) -> Value:
+        """Return a result that was written to these places."""
+        parts = [Value(t, c, place=True) for c, (_, t) in zip(places, f.outputs, strict=True)]
+        assert isinstance(f.result, Record)
+        if f.result.kind is not None:
+            return parts[0]
+        rest = iter(parts)
+        return self.made(None, [next(rest) if at_run_time(t) else Value(t) for t in f.result.types])
+
+    # Built-in functions --------------------------------------------------------------------------------
+
+    def _built_in(self, node: ast.Call, callee: Any, values: list[Value]) -> Value:
+        types = [value.type for value in values]
+        codes = [self.bare(value.code) for value in values]
+        match callee, types:
+            case builtins.len, [Array(dimensions=d)]:
+                return Value(NATURAL, f"{values[0].code}.{'rows' if d == 2 else 'length'}")
+            case builtins.len, [Record(kind=None) | Table()]:
+                return self.program.known(len(self.fields(values[0])))
+            case ((builtins.min | builtins.max), [_, _, *_]):
+                return self._extreme(node, callee is min, values)
+            case ((builtins.abs | math.fabs), [t]) if t == REAL:
+                return Value(REAL, f"real_abs({codes[0]})")
+            case builtins.abs, [t] if t in INTEGERS:
+                return Value(NATURAL, f"integer_abs({codes[0]})")
+            case builtins.float, [t] if t in NUMBERS:
+                return self.converted(values[0], REAL, node)
+            case builtins.float, [Static(value=str())] if isinstance(node.args[0], ast.Constant):
+                return self.program.value(float(str(node.args[0].value)))
+            case builtins.int, [t] if t in INTEGERS:
+                return values[0]
+            case builtins.int, [t] if t == REAL:
+                return Value(INTEGER, f"truncated({codes[0]})")
+            case builtins.bool, [t] if t == BOOLEAN:
+                return values[0]
+            case builtins.bool, [t] if t in NUMBERS:
+                return Value(BOOLEAN, f"({values[0].code} != {'0.0' if t == REAL else '0'})")
+            case math.sqrt, [t] if t in NUMBERS:
+                return Value(
+                    REAL, f"square_root({self.bare(self.converted(values[0], REAL, node).code)})"
+                )
+            case math.copysign, [t, u] if t == u == REAL:
+                return Value(REAL, f"with_sign({', '.join(codes)})")
+            case math.isfinite, [t] if t == REAL:
+                return Value(BOOLEAN, f"is_finite({codes[0]})")
+            case math.isnan, [t] if t == REAL:
+                value = self.in_memory(values[0], "number")
+                return Value(BOOLEAN, f"({value.code} != {value.code})")
+            case math.isinf, [t] if t == REAL:
+                value = self.in_memory(values[0], "number")
+                return Value(BOOLEAN, f"(!is_finite({value.code}) && {value.code} == {value.code})")
+        if callee in _TO_INTEGER and types == [REAL]:
+            return Value(INTEGER, f"{_TO_INTEGER[callee]}({codes[0]})")
+        if (
+            callee.__class__.__module__ == "builtins"
+            and getattr(callee, "__module__", "") == "math"
+        ):
+            raise self.refused(
+                node,
+                "the C library rounds as it likes",
+                "use sin, cos, exp, log of trunk_control.api",
+            )
+        default = ("this call is not translated", "call a plain function, or a named tuple")
+        raise self.refused(
+            node, *_REMEDIES.get(callee if isinstance(callee, type | type(len)) else None, default)
+        )
+
+    def _extreme(self, node: ast.Call, least: bool, values: list[Value]) -> Value:
+        if any(value.type not in NUMBERS for value in values):
+            raise self.refused(node, "min, max of what are no numbers", "give numbers")
+        name = "min" if least else "max"
+        if all(value.is_known for value in values):
+            return self.program.known((min if least else max)(value.known for value in values))
+        if any(value.type == REAL for value in values):
+            if any(value.type in INTEGERS for value in values):
+                raise self.refused(
+                    node, "min, max of an int and a float", "write 0.0 for 0, or float(...)"
+                )
+            t: Type = REAL
+            prefix = "real"
+        else:
+            naturals = [value.type == NATURAL for value in values]
+            t = NATURAL if all(naturals) or (not least and any(naturals)) else INTEGER
+            prefix = "integer"
+        code = self.bare(values[0].code)
+        for value in values[1:]:
+            code = f"{prefix}_{name}({code}, {self.bare(value.code)})"
+        return Value(t, code)
+
+
+def behind(f: Translated, codes: list[str], output: str, place: str) -> list[str]:
+    """Return the arguments that must not read a place if this output is written to it."""
+    own = f.in_place and output == f.outputs[0][0] and codes[0] == f"&{place}"
+    return codes[1:] if own else codes
+
+
+def _hint(t: Record) -> str:
+    """Return a name for a variable of a record's type."""
+    kind = t.kind.__name__ if t.kind is not None else "Tuple"
+    return "".join(f"_{c.lower()}" if c.isupper() else c for c in kind).strip("_")

@@ -1,0 +1,244 @@
+"""A registered law with its parameters as C: what is translated, and the texts that it makes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import random
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from trunk_control.controller import Controller, settings_of
+from trunk_control.controller_config import ControllerConfig
+from trunk_control.decide import (
+    ControllerState,
+    Output,
+    Reading,
+    Seen,
+    activated,
+    deactivated,
+    decide,
+    initial_state,
+    reconfigured,
+)
+from trunk_control.law import Hip, Law, LawMemory, Sample
+from trunk_control.laws import package_of
+from trunk_control.limits import Limits, limited
+from trunk_msgs_util.parameters.declarations import values_of
+from trunk_msgs_util.units import seconds
+
+from .leaves import Leaf, leaves_of
+from .translate import Program
+from .types import Record, Static, Type, at_run_time, type_of
+
+_PUBLIC = ("reset", "update", "activate", "deactivate", "parameters", "retune", "self_test")
+_ANSWERS = 8  # of the self-test
+
+
+class LawState(NamedTuple):
+    """A bare law between two updates."""
+
+    memory: LawMemory
+    sample: Sample  # the last one
+
+
+def law_retuned(state: LawState, law: Law, before: Any, after: Any, limits: Limits) -> LawState:
+    """Return the state under new constants, adapted by the law so that the command does not jump."""
+    memory = law.reconfigure(state.memory, state.sample, before, after)
+    return state._replace(memory=memory._replace(effort=limited(memory.effort, limits)))
+
+
+class Row(NamedTuple):
+    """An input of the controller, the answer of CPython or of a recording, and whether it is compared."""
+
+    reading: Reading
+    effort: float
+    compared: bool
+
+
+@dataclass
+class ExportedController:
+    """A controller's translation. ``bare``: the law's update alone.
+
+    Raises UntranslatableError for a law outside of the subset.
+    """
+
+    law: Law
+    config: ControllerConfig
+    bare: bool = False
+    program: Program = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.name = self.law.name
+        self.program = p = Program(f"{self.name}_")
+        p.names |= {f"{self.name}_{public}" for public in _PUBLIC}
+        p.names |= {f"{self.name}_{n}" for n in ("Controller", "Parameters")}
+        p.names |= {"SETTINGS", "INITIAL"}
+        law, config = self.law, self.config
+        self.settings = settings_of(config, law)
+        self.active = not config.active_times
+        memory_class = (type(law.memory),)
+        self.constants_type: Type = type_of(config.constants)
+        assert isinstance(self.constants_type, Record)
+        if self.constants_type.kind is None:
+            p.titles[self.constants_type] = "Constants"
+        self.settings_type = type_of(self.settings, changing=memory_class)
+        self.limits_type = type_of(self.settings.limits)
+        if self.bare:
+            self.initial: Any = LawState(
+                self.settings.initial, Sample(0.0, 0.0, 0.0, 0.0, Hip(0.0, 0.0))
+            )
+            self.state_type = type_of(self.initial, changing=memory_class)
+            self._translate_law()
+        else:
+            self.initial = initial_state(self.active, Seen(), self.settings.initial)
+            self.state_type = type_of(self.initial, changing=memory_class)
+            self._translate_controller()
+        self.leaves: list[Leaf] = leaves_of(config, p, self.constants_type)
+
+    def _translate_controller(self) -> None:
+        p, law = self.program, self.law
+        reading = type_of(Reading(0, 0.0, 0.0))
+        constants, limits = self.constants_type, self.limits_type
+        self.update = p.function(
+            decide,
+            [
+                self.state_type,
+                reading,
+                self.settings_type,
+                constants,
+                Static(law.update),
+                Static(law.transfer),
+            ],
+        )
+        assert isinstance(self.settings_type, Record)
+        initial = self.settings_type.types[1]
+        self.activate = p.function(activated, [self.state_type, initial])
+        self.deactivate = p.function(deactivated, [self.state_type])
+        self.retune = p.function(
+            reconfigured, [self.state_type, Static(law), constants, constants, limits]
+        )
+
+    def _translate_law(self) -> None:
+        p, law = self.program, self.law
+        assert isinstance(self.state_type, Record)
+        memory, sample = self.state_type.types
+        constants, limits = self.constants_type, self.limits_type
+        self.update = p.function(law.update, [memory, sample, constants, limits])
+        self.retune = p.function(
+            law_retuned, [self.state_type, Static(law), constants, constants, limits]
+        )
+
+    @property
+    def input_type(self) -> Record:
+        """The record that an update takes."""
+        t = type_of(Sample(0.0, 0.0, 0.0, 0.0)) if self.bare else type_of(Reading(0, 0.0, 0.0))
+        assert isinstance(t, Record)
+        return t
+
+    @property
+    def output_type(self) -> Record:
+        """The record that an update gives."""
+        t = self.update.outputs[-1][1]
+        assert isinstance(t, Record)
+        return t
+
+    @cached_property
+    def public_records(self) -> list[Record]:
+        """The records of the header, each behind those that it contains."""
+        wanted: set[Record] = set()
+        for t in (self.state_type, self.constants_type, self.input_type, self.output_type):
+            _add(t, wanted)
+        return [record for record in self.program.records if record in wanted]
+
+    @cached_property
+    def private_records(self) -> list[Record]:
+        """The records of the source alone."""
+        return [record for record in self.program.records if record not in self.public_records]
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The parameters by their names."""
+        return values_of(self.config)
+
+    # What is told about it -------------------------------------------------------------------------------
+
+    @property
+    def digest(self) -> str:
+        """The digest of the parameters: 16 hex digits of SHA-256 over their names and values, sorted."""
+        values = {name: repr(value) for name, value in sorted(self.values.items())}
+        return hashlib.sha256(json.dumps(values).encode()).hexdigest()[:16]
+
+    @property
+    def fingerprint(self) -> str:
+        """The fingerprint of the sources that were translated: 16 hex digits of SHA-256."""
+        files = {Path(f.python.__code__.co_filename) for f in self.program.ordered}
+        digest = hashlib.sha256()
+        for path in sorted(files, key=lambda path: (path.name, str(path))):
+            digest.update(path.read_bytes())
+        return digest.hexdigest()[:16]
+
+    @property
+    def package(self) -> str:
+        """The package of the law."""
+        try:
+            return package_of(self.name)
+        except KeyError:  # not registered
+            return str(self.law.update.__module__).partition(".")[0]
+
+    @property
+    def licence(self) -> str:
+        """The licence of the law's package."""
+        from importlib.metadata import PackageNotFoundError, metadata
+
+        try:
+            return str(metadata(self.package)["License"] or "see its package")
+        except (PackageNotFoundError, KeyError):
+            return "see its package"
+
+    # What CPython answers --------------------------------------------------------------------------------
+
+    def answers(self, count: int = _ANSWERS) -> list[Row]:
+        """Return inputs around the upright, and CPython's answers; every update is due."""
+        rng = random.Random(self.digest)
+        readings = []
+        for k in range(count):
+            theta, omega, x, v, acting = (rng.uniform(-0.5, 0.5) for _ in range(5))
+            readings.append(
+                Reading(k * self.config.period_ns, theta, 4.0 * omega, Hip(x, v), 20.0 * acting)
+            )
+        return self.answered(readings)
+
+    def answered(self, readings: list[Reading]) -> list[Row]:
+        """Return CPython's answers to readings, one after the other."""
+        rows = []
+        if self.bare:
+            memory = self.settings.initial
+            for reading in readings:
+                memory, terms = self.law.update(
+                    memory, self.sample(reading), self.config.constants, self.settings.limits
+                )
+                rows.append(Row(reading, terms.effort, True))
+            return rows
+        controller = Controller(self.config, self.law)
+        for reading in readings:
+            output = controller.decide(reading)
+            rows.append(Row(reading, output.effort, output.active))
+        return rows
+
+    def sample(self, reading: Reading) -> Sample:
+        """Return a reading as the bare law takes it: every period is its own."""
+        dt = seconds(self.config.period_ns)
+        return Sample(reading.reference, reading.position, reading.velocity, dt, reading.hip)
+
+
+def _add(t: Type, wanted: set[Record]) -> None:
+    if isinstance(t, Record) and at_run_time(t):
+        wanted.add(t)
+        for inner in t.types:
+            _add(inner, wanted)
+
+
+__all__ = ["ControllerState", "ExportedController", "Output", "Row"]

@@ -1,0 +1,222 @@
+"""Statements of a function as nested blocks, and their text: each variable is declared where it is needed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+_WORD = re.compile(r"(?<![\w.>])[A-Za-z_]\w*")  # no field of a record
+
+
+def words_in(text: str) -> list[str]:
+    """Return the identifiers in C code, without names of fields, in their order."""
+    return _WORD.findall(text)
+
+
+@dataclass
+class Line:
+    """A statement. ``target``: the variable that it sets as a whole, without reading it.
+
+    ``plain``: it does nothing else, and may go if nobody reads the variable.
+    """
+
+    text: str
+    target: str = ""
+    plain: bool = False
+    comment: bool = False
+
+    def words(self) -> set[str]:
+        """Return the identifiers in it."""
+        return set() if self.comment else set(_WORD.findall(self.text))
+
+
+@dataclass
+class Block:
+    """Statements between ``head`` and a closing brace, or a function's body; ``loop``: they may repeat."""
+
+    head: str = ""
+    body: list[Line | Block] = field(default_factory=list)
+    loop: bool = False
+
+    def words(self) -> set[str]:
+        """Return the identifiers in its head and in its statements."""
+        words = set(_WORD.findall(self.head))
+        for node in self.body:
+            words |= node.words()
+        return words
+
+    def words_of_heads(self) -> set[str]:
+        """Return the identifiers in the heads of all blocks."""
+        words = set(_WORD.findall(self.head))
+        for node in self.body:
+            if isinstance(node, Block):
+                words |= node.words_of_heads()
+        return words
+
+    def lines(self) -> Iterator[Line]:
+        """Yield all statements in it."""
+        for node in self.body:
+            if isinstance(node, Line):
+                yield node
+            else:
+                yield from node.lines()
+
+
+def without_unread(block: Block, variables: Mapping[str, str]) -> None:
+    """Drop assignments to variables that nobody reads, and then those that only served them."""
+    while True:
+        mentions: dict[str, int] = {}
+        for words in _mentions(block):
+            for word in words:
+                mentions[word] = mentions.get(word, 0) + 1
+        sets: dict[str, int] = {}
+        for line in block.lines():
+            if line.plain:
+                sets[line.target] = sets.get(line.target, 0) + 1
+        unread = {
+            name for name, count in sets.items() if name in variables and mentions[name] == count
+        }
+        if not unread:
+            return
+        _drop(block, unread)
+
+
+def _mentions(block: Block) -> Iterator[set[str]]:
+    yield set(_WORD.findall(block.head))
+    for node in block.body:
+        if isinstance(node, Line):
+            yield node.words()
+        else:
+            yield from _mentions(node)
+
+
+def _drop(block: Block, names: set[str]) -> None:
+    block.body = [
+        n for n in block.body if isinstance(n, Block) or not (n.plain and n.target in names)
+    ]
+    for node in block.body:
+        if isinstance(node, Block):
+            _drop(node, names)
+
+
+def build_in_output(root: Block, output: str, variables: Mapping[str, str]) -> None:
+    """Let the record that every return copies to an output be that output: one copy less on the stack."""
+    writes = [line for line in root.lines() if output in line.words()]
+    match = re.fullmatch(rf"\*{output} = (\w+);", writes[0].text) if writes else None
+    if match is None or any(line.text != writes[0].text for line in writes):
+        return
+    name = match[1]
+    if name not in variables or variables[name] in ("double", "bool", "int64_t"):
+        return
+    _drop_lines(root, writes[0].text)
+    _replace(root, name, output)
+
+
+def _drop_lines(block: Block, text: str) -> None:
+    block.body = [n for n in block.body if isinstance(n, Block) or n.text != text]
+    for node in block.body:
+        if isinstance(node, Block):
+            _drop_lines(node, text)
+
+
+def _replace(block: Block, name: str, output: str) -> None:
+    """Write ``*output`` for a record's name."""
+
+    def text(code: str) -> str:
+        code = re.sub(rf"(?<![\w.>])&{name}\b(?!\.)", output, code)
+        code = re.sub(rf"(?<![\w.>]){name}\.", f"{output}->", code)
+        code = re.sub(rf"^{name} = ", f"*{output} = ", code)
+        return re.sub(rf"(?<![\w.>]){name}\b", f"*{output}", code)
+
+    block.head = text(block.head)
+    for node in block.body:
+        if isinstance(node, Block):
+            _replace(node, name, output)
+        else:
+            node.text = text(node.text)
+            node.target = "" if node.target == name else node.target
+
+
+def may_write_in_place(root: Block, given: str, result: str, callees: set[str]) -> bool:
+    """Return True if nothing of an argument is read after an output is begun: they may be the same record.
+
+    An output is written behind all else, just before a return, or is a copy of the argument from the start;
+    the record, or a field, may be copied onto itself. ``callees`` may themselves do so.
+    """
+    whole = f"*{result} = *{given};"
+    begins = [node for node in root.body if {given, result} & node.words()][:1]
+    if begins and isinstance(begins[0], Line) and begins[0].text == whole:
+        uses = sum(given in line.words() for line in root.lines())
+        return uses == 1 and given not in root.words_of_heads()
+    written = False
+    for line in root.lines():
+        if line.text == whole or _passes_on(line.text, given, result, callees):
+            continue
+        left, _, right = line.text.partition(" = ")
+        written = written or result in line.words()
+        if given in line.words() and written:
+            field = left.partition("->")[2]
+            itself = left == f"{result}->{field}" and right == f"{given}->{field};"
+            if not (field and itself):
+                return False
+        written = written and line.text != "return;"
+    return True
+
+
+def _passes_on(text: str, given: str, result: str, callees: set[str]) -> bool:
+    """Return True for a call, the last statement, with the argument and the output at the same places."""
+    match = re.fullmatch(rf"(\w+)\({given}, (.*?)\b{result}\b(.*)\);", text)
+    if match is None or match[1] not in callees:
+        return False
+    return not re.search(rf"&{given}\b|(?<![\w.>]){given}(?!->)\b", match[2] + match[3])
+
+
+def declare(block: Block, variables: Mapping[str, str]) -> None:
+    """Declare variables, ``{name: C type}``, each in the smallest block that may contain it."""
+    for name, kind in variables.items():
+        if name in block.words():
+            _declare(block, name, kind)
+
+
+def _declare(block: Block, name: str, kind: str) -> None:
+    inside = [i for i, node in enumerate(block.body) if name in node.words()]
+    if len(inside) == 1:
+        node = block.body[inside[0]]
+        headless = isinstance(node, Block) and name not in set(_WORD.findall(node.head))
+        if isinstance(node, Block) and headless and (not node.loop or _set_first(node, name)):
+            _declare(node, name, kind)
+            return
+    first = block.body[inside[0]]
+    if isinstance(first, Line) and first.target == name and first.text.startswith(f"{name} = "):
+        block.body[inside[0]] = Line(f"{kind} {first.text}")
+        return
+    place = inside[0]
+    while isinstance(node := block.body[place], Block) and node.head.startswith("else"):
+        place -= 1
+    block.body.insert(place, Line(f"{kind} {name};"))
+
+
+def _set_first(block: Block, name: str) -> bool:
+    """Return True if the first statement with a variable sets it: no value comes from the round before."""
+    for node in block.body:
+        if name in node.words():
+            return isinstance(node, Line) and node.target == name
+    return False
+
+
+def text_of(block: Block, indent: int = 1) -> list[str]:
+    """Return the lines of a block's statements."""
+    lines: list[str] = []
+    pad = "    " * indent
+    for node in block.body:
+        if isinstance(node, Line):
+            lines.append(f"{pad}{node.text}")
+            continue
+        if node.head.startswith("else") and lines and lines[-1] == f"{pad}}}":
+            lines[-1] = f"{pad}}} {node.head}"
+        else:
+            lines.append(f"{pad}{node.head}")
+        lines += text_of(node, indent + 1)
+        lines.append(f"{pad}}}")
+    return lines

@@ -1,0 +1,121 @@
+"""A recording's states and commands for replay.c: what the exported controller has to answer, bit by bit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+from struct import pack
+
+from trunk_control.decide import Reading, active_at
+from trunk_control.law import Hip
+from trunk_msgs_util import topics
+from trunk_msgs_util.parameters.declarations import values_of
+from trunk_msgs_util.units import NANOSECONDS, seconds
+
+from ..errors import PlanError
+from ..recorded.run import RecordedRun
+from .controller import ExportedController, Row
+
+MAGIC = 0x54524E4B43303031  # in the byte order of the target
+SWINGING = 2000  # states, where there is no recording
+
+
+def recorded_rows(run: RecordedRun, e: ExportedController) -> list[Row]:
+    """Return the states that a controller of a recording got, and its commands.
+
+    Raises PlanError for a run whose commands do not follow from its states and these parameters alone.
+    """
+    plan = run.plan()
+    name = e.name
+    if name not in plan.controllers:
+        raise PlanError(
+            f"--like {run.path}: {', '.join(plan.controllers) or 'no controller of ours'} ran in it, "
+            f"not {name}: give a recording with {name}"
+        )
+    _check_parameters(run, e)
+    if plan.inputs is not None:
+        raise PlanError(
+            f"--like {run.path}: it ran in real time, and the controller did not get every state: "
+            "give an offline run or one in lock-step"
+        )
+    if name in plan.changes:
+        at = seconds(plan.changes[name][0].stamp_ns)
+        raise PlanError(
+            f"--like {run.path}: {name} was changed, reset or switched by hand at t = {at:g} s: "
+            "give a recording without that"
+        )
+    states, commands = run.table(topics.JOINT_STATES), run.table(topics.EFFORT_COMMAND)
+    joint = states.index(e.config.joint)
+    hip = None if e.config.hip is None else states.index(e.config.hip)
+    place = commands.index(e.config.joint)
+    given = commands.values("effort")[:, place]
+    position, velocity = states.values("position"), states.values("velocity")
+    effort = states.values("effort")
+    times = e.config.active_times_ns
+    reference: float | None = None
+    rows = []
+    for k, stamp_ns in enumerate(states.stamps):
+        reference = plan.references.get(stamp_ns, reference)
+        motion = Hip() if hip is None else Hip(float(position[k, hip]), float(velocity[k, hip]))
+        row = commands.row(stamp_ns)
+        answered = row is not None and active_at(times, stamp_ns)
+        reading = Reading(
+            stamp_ns,
+            float(position[k, joint]),
+            float(velocity[k, joint]),
+            motion,
+            float(effort[k, joint]),
+            reference is not None,
+            reference or 0.0,
+        )
+        rows.append(Row(reading, float(given[row]) if answered else 0.0, answered))
+    return rows
+
+
+def _check_parameters(run: RecordedRun, e: ExportedController) -> None:
+    mine, theirs = values_of(e.config), values_of(run.config(e.name))
+    for name, value in mine.items():
+        acts = name not in ("autostart", "lockstep.enabled")
+        if acts and repr(theirs.get(name)) != repr(value):
+            raise PlanError(
+                f"--like {run.path}: {e.name} ran with {name} = {theirs.get(name)}, not {value}: leave out "
+                "--params and --set, or record a run with them"
+            )
+
+
+def swinging_rows(e: ExportedController, count: int = SWINGING) -> list[Row]:
+    """Return CPython's answers to so many states, where there is no recording."""
+    return e.answers(count)
+
+
+def packed(rows: Sequence[Row]) -> bytes:
+    """Return rows as replay.c reads them: 64 bits a number, little-endian."""
+    chunks = [pack("<qq", MAGIC, len(rows))]
+    for row in rows:
+        r = row.reading
+        chunks.append(
+            pack(
+                "<qdddddqddq",
+                r.stamp_ns,
+                r.position,
+                r.velocity,
+                r.hip.position,
+                r.hip.velocity,
+                r.effort,
+                r.has_reference,
+                r.reference,
+                row.effort,
+                row.compared,
+            )
+        )
+    return b"".join(chunks)
+
+
+def bare_rows(e: ExportedController, rows: Sequence[Row]) -> list[Row]:
+    """Return CPython's answers of the bare law to the same states, each a period after the one before."""
+    readings = [row.reading for row in rows if _finite(row.reading)]
+    return e.answered(readings)
+
+
+def _finite(r: Reading) -> bool:
+    return isfinite(r.position) and isfinite(r.velocity) and r.stamp_ns < 2**31 * NANOSECONDS

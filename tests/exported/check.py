@@ -1,0 +1,244 @@
+"""Exported controllers on every compiler and processor that there is, with random states."""
+
+from __future__ import annotations
+
+import math
+import platform
+import random
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from string import Template
+from types import ModuleType
+from typing import NamedTuple
+
+from trunk_control.controller import Controller
+from trunk_control.controller_config import ControllerConfig
+from trunk_control.decide import Reading
+from trunk_control.law import Hip, Law
+from trunk_control.laws import law_named
+from trunk_experiments.export_c.controller import ExportedController, Row
+from trunk_experiments.export_c.files import base_files
+from trunk_experiments.export_c.source import fill
+from trunk_experiments.plans.nodes import CONTROLLERS
+
+ROOT = Path(__file__).resolve().parents[2]
+BOARD = ROOT / "examples" / "cortex_m"
+HERE = Path(__file__).parent
+CHANGES: dict[str, dict[str, object]] = {
+    "fuzzy_pid": {"consequents": "log"},
+    "pid": {"antiwindup_strategy": "back_calculation", "derivative_filter_time": 0.02},
+    "lqr": {"reference_profile": "sine", "reference_amplitude": 0.2, "reference_frequency": 0.7},
+    "computed_torque": {"derivative_mode": "error", "cosines": (0.1, 0.0), "sines": (0.0, 0.05)},
+}
+
+
+class Environment(NamedTuple):
+    """A compiler with its flags, and what runs its programs; ``needs``: the tools besides the compiler."""
+
+    name: str
+    compiler: str
+    flags: tuple[str, ...]
+    runner: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
+
+
+def _board(machine: str) -> tuple[str, ...]:
+    return ("qemu-system-arm", "-M", machine, "-nographic", "-monitor", "none", "-serial", "none")
+
+
+def environments() -> Iterator[Environment]:
+    """Yield the environments, whether or not their tools are installed."""
+    for compiler in ("gcc", "clang"):
+        for level in ("-O0", "-O2", "-O3", "-Os"):
+            yield Environment(f"{compiler} {level}", compiler, (level,))
+        yield Environment(f"{compiler} -O3 -march=native", compiler, ("-O3", "-march=native"))
+    if platform.machine() == "x86_64":
+        yield Environment("gcc -O2 -mno-fma", "gcc", ("-O2", "-mno-fma"))
+    yield Environment(
+        "armhf, qemu-arm",
+        "arm-linux-gnueabihf-gcc",
+        ("-O2", "-static"),
+        ("qemu-arm",),
+        ("qemu-arm",),
+    )
+    bare = (
+        "-mthumb",
+        "--specs=rdimon.specs",
+        "-T",
+        str(BOARD / "mps2.ld"),
+        str(BOARD / "startup.c"),
+    )
+    m4 = ("-O2", "-mcpu=cortex-m4", "-mfloat-abi=soft", *bare)
+    m7 = ("-O2", "-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", *bare)
+    compiler, needs = "arm-none-eabi-gcc", ("qemu-system-arm",)
+    yield Environment("Cortex-M4, soft doubles, qemu", compiler, m4, _board("mps2-an386"), needs)
+    yield Environment("Cortex-M7, hard doubles, qemu", compiler, m7, _board("mps2-an500"), needs)
+    wasm = (
+        "--target=wasm32",
+        "-O2",
+        "-ffreestanding",
+        "-fno-builtin",
+        "-nostdlib",
+        "-Wl,--no-entry",
+    )
+    yield Environment("wasm32, Node", "clang", wasm, ("node",), ("wasm-ld", "node"))
+
+
+def template_law() -> Law:
+    """Return the law that `trunk controller new` writes, as somebody else's package would have it."""
+    import trunk_experiments.templates as templates
+
+    folder = Path(str(templates.__file__)).parent / "controller" / "package"
+    text = Template((folder / "law.py.in").read_text()).substitute(
+        name="my_controller", label="My controller", package="my_controller"
+    )
+    place = Path(tempfile.mkdtemp(prefix="trunk-law-")) / "my_law.py"
+    place.write_text(text)
+    return _law_in(place)
+
+
+def _law_in(place: Path) -> Law:
+    import importlib.util
+
+    spec = importlib.util.spec_from_file_location(place.stem, place)
+    assert spec is not None
+    assert spec.loader is not None
+    module: ModuleType = importlib.util.module_from_spec(spec)
+    sys.modules[place.stem] = module
+    spec.loader.exec_module(module)
+    law: Law = module.LAW
+    return law
+
+
+def laws() -> Iterator[tuple[Law, ControllerConfig]]:
+    """Yield the laws to export and their configurations, off the beaten track; the last two are others'."""
+    for name in CONTROLLERS:
+        law = law_named(name)
+        yield law, law.config(**CHANGES.get(name, {}))
+    law = template_law()
+    yield law, law.config()
+    law = _law_in(HERE / "pi_with_damping.py")
+    yield law, law.config(active_times=(1.0, 40.0, 41.0))
+
+
+def readings(rng: random.Random, count: int) -> Iterator[Reading]:
+    """Yield readings: regular ones, jumps of the time, numbers that are not finite, references by topic."""
+    stamp_ns = 0
+    for _ in range(count):
+        stamp_ns += rng.choice(
+            (5_000_000, 5_000_000, 1_000_000, 4_999_000, 700_000_000, -3_000_000)
+        )
+        numbers = [rng.uniform(-1.0, 1.0) for _ in range(6)]
+        if rng.random() < 0.1:
+            numbers[rng.randrange(6)] = rng.choice(
+                (math.nan, math.inf, -math.inf, -0.0, 1e300, 5e-324, 40.0)
+            )
+        position, rate, x, v, acting, reference = numbers
+        by_topic = rng.random() < 0.5
+        yield Reading(stamp_ns, position, 4.0 * rate, Hip(x, v), 20.0 * acting, by_topic, reference)
+
+
+def rows_of(law: Law, config: ControllerConfig, count: int) -> list[Row]:
+    """Return random states and CPython's answers."""
+    controller = Controller(config, law)
+    rows = []
+    for reading in readings(random.Random(law.name), count):
+        output = controller.decide(reading)
+        rows.append(Row(reading, output.effort, output.active))
+    return rows
+
+
+def write(folder: Path, exported: ExportedController, rows: list[Row]) -> None:
+    """Write an exported controller with these rows, and its WebAssembly side."""
+    for name, text in base_files(exported, rows).items():
+        (folder / name).write_bytes(text)
+    integers = ("stamp_ns", "has_reference")
+    names = (
+        *("stamp_ns", "position", "velocity", "hip_position", "hip_velocity", "effort"),
+        *("has_reference", "reference"),
+    )
+    cells = {
+        name: f"{'integer' if name in integers else 'real'}_at(bytes + {8 * i})"
+        for i, name in enumerate(names)
+    }
+    cells["has_reference"] += " != 0"
+    text = Template((HERE / "wasm.c.in").read_text()).substitute(
+        name=exported.name, bytes=80 * 1000, fill=fill(exported, cells, 2)
+    )
+    (folder / "wasm.c").write_text(text)
+
+
+def outcome(environment: Environment, folder: Path, name: str) -> str:
+    """Return what a program says of the rows in a folder; why there is none, where it cannot be built."""
+    main = "wasm.c" if "wasm32" in environment.name else "replay.c"
+    program = folder / "program"
+    words = [
+        environment.compiler,
+        "-std=c99",
+        *environment.flags,
+        f"{name}.c",
+        main,
+        "-o",
+        str(program),
+    ]
+    built = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    if built.returncode:
+        return f"not built: {' '.join(built.stderr.split())[:300]}"
+    states = f"{name}.states"
+    if main == "wasm.c":
+        command = [*environment.runner, str(HERE / "wasm.mjs"), str(program), states]
+    elif environment.runner[:1] == ("qemu-system-arm",):
+        arguments = f"enable=on,target=native,arg=replay,arg={states}"
+        command = [*environment.runner, "-semihosting-config", arguments, "-kernel", str(program)]
+    else:
+        command = [*environment.runner, str(program), states]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    return " ".join(done.stdout.split())
+
+
+def main() -> int:
+    """Run the check; print a table."""
+    numbers = [int(text) if text.isdecimal() else 0 for text in sys.argv[1:]]
+    if len(numbers) > 2 or 0 in numbers[:1]:
+        print("check_export: STATES and PLANS are whole numbers, STATES above 0", file=sys.stderr)
+        return 2
+    states, plans = [*numbers, *(100_000, 200)[len(numbers) :]]
+    wrong = 0
+    with tempfile.TemporaryDirectory(prefix="trunk-export-") as place:
+        for law, config in laws():
+            folder = Path(place) / law.name
+            folder.mkdir()
+            write(folder, ExportedController(law, config), rows_of(law, config, states))
+            for environment in environments():
+                tools = (environment.compiler, *environment.needs)
+                if missing := [tool for tool in tools if shutil.which(tool) is None]:
+                    print(f"{law.name:16} {environment.name:32} skipped: no {', '.join(missing)}")
+                    continue
+                said = outcome(environment, folder, law.name)
+                equal = re.fullmatch(r"(\d+) of \1 commands equal", said) is not None
+                wrong += not equal
+                print(f"{law.name:16} {environment.name:32} {said}", flush=True)
+    wrong += different_plans(plans)
+    print("0 bits differ" if not wrong else f"DIFFERENT: {wrong}")
+    return 1 if wrong else 0
+
+
+def different_plans(count: int) -> int:
+    """Return how many of the first random plans have other bits in the closed loop in C."""
+    from .loops import differs
+
+    different = [index for index in range(count) if differs(index)]
+    if count:
+        print(
+            f"closed loop: {count - len(different)} of {count} random plans equal {different or ''}"
+        )
+    return len(different)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

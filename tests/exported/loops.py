@@ -1,0 +1,81 @@
+"""The closed loop of a plan in C, compiled and run beside the compiled loop."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trunk_control.laws import law_named
+from trunk_experiments.batch.compiled_run import ROWS, Batch, _noise, loop_of, start_of_loop
+from trunk_experiments.batch.random_plans import random_plan
+from trunk_experiments.errors import PlanError
+from trunk_experiments.export_c.closed_loop import closed_loop
+from trunk_experiments.plans.plan import RunPlan
+from trunk_experiments.runs.loop_inputs import states_of
+from trunk_experiments.runs.schedule import Schedule
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+
+
+def loop_and_arguments(plan: RunPlan) -> tuple[Any, tuple[Any, ...]]:
+    """Return a plan's loop, and its arguments as compiled code takes them."""
+    states = states_of(plan)
+    surroundings, state, participants = start_of_loop(plan)
+    history = np.empty((plan.simulator.delay_steps + 1, 4))
+    out = np.empty((ROWS, states))
+    rest = (_noise(plan, states), history, Schedule(), out)
+    loop = loop_of(*(law_named(name) for name in plan.controllers))
+    return loop, (states, surroundings, state, participants, *rest)
+
+
+def table_in_c(plan: RunPlan, folder: Path) -> tuple[Any, bool]:
+    """Return the table of a plan's run as the loop in C fills it, and True if the plant diverged."""
+    program = closed_loop(*loop_and_arguments(plan))
+    source, library = folder / "loop.c", folder / "loop.so"
+    source.write_text(program.text)
+    compiler = shutil.which("gcc") or shutil.which("clang") or "cc"
+    words = [compiler, *STRICT, "-O2", "-shared", "-fPIC", str(source), "-o", str(library)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    code = ctypes.CDLL(str(library))
+    places: dict[str, Any] = {}
+    for path, array in program.arrays.items():
+        function = getattr(code, array.function)
+        function.restype = ctypes.c_void_p
+        kind = ctypes.c_int64 if array.values.dtype == np.int64 else ctypes.c_double
+        count = max(array.values.size, 1)
+        places[path] = np.ctypeslib.as_array((kind * count).from_address(function()))
+        if not array.inline and path != "out":
+            places[path][:] = array.values.reshape(-1)
+    code.trunk_loop_run.restype = ctypes.c_int64
+    code.trunk_loop_diverged.restype = ctypes.c_bool
+    count = code.trunk_loop_run()
+    table = places["out"].reshape(ROWS, -1)[:, :count].copy()
+    return table, bool(code.trunk_loop_diverged())
+
+
+def compare(plan: RunPlan, folder: Path) -> bool:
+    """Return whether a plan's run in C has the bits of the compiled run; True for one that is refused."""
+    try:
+        outcome = Batch().run(plan)
+    except PlanError:  # such as references by topic
+        return True
+    names = list(outcome.table.__dataclass_fields__)[1:]
+    expected = np.array([getattr(outcome.table, name) for name in names])
+    table, diverged = table_in_c(plan, folder)
+    if diverged != (outcome.diverged_at is not None) or table.shape != expected.shape:
+        return False
+    equal = table.view(np.int64) == expected.view(np.int64)
+    return bool((equal | (np.isnan(table) & np.isnan(expected))).all())
+
+
+def differs(index: int) -> bool:
+    """Return whether a random plan has other bits in C."""
+    with tempfile.TemporaryDirectory(prefix="trunk-loop-") as place:
+        return not compare(random_plan(index), Path(place))

@@ -1,0 +1,50 @@
+"""The closed loop as C, and the contract: everything that the compiled loop reaches can be translated."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+
+from trunk_experiments.batch.random_plans import random_plan
+from trunk_experiments.export_c.translate import Program
+from trunk_experiments.export_c.types import type_of
+from trunk_experiments.plans.nodes import CONTROLLERS
+from trunk_experiments.plans.plan import make_plan
+from trunk_sim.links import DRAWS, Link, simulate_link
+from trunk_sim.noise import fill
+
+from .loops import compare, loop_and_arguments
+
+needs_compiler = pytest.mark.skipif(
+    not (shutil.which("gcc") or shutil.which("clang")), reason="no C compiler: apt-get install gcc"
+)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_fig8_has_the_same_bits_in_c(tmp_path):
+    assert compare(make_plan("fig8", "fuzzy_pid"), tmp_path)
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.one_in(20)
+@pytest.mark.parametrize("index", range(2, 42))
+def test_random_plans_have_the_same_bits_in_c(index, tmp_path):
+    assert compare(random_plan(index), tmp_path)
+
+
+@pytest.mark.parametrize("names", [*((n,) for n in CONTROLLERS), CONTROLLERS], ids="+".join)
+def test_everything_that_the_compiled_loop_reaches_can_be_translated(names):
+    index = next(i for i in range(200) if tuple(random_plan(i).controllers) == tuple(names))
+    loop, arguments = loop_and_arguments(random_plan(index))
+    Program().function(loop, [type_of(argument) for argument in arguments])
+
+
+def test_links_and_noise_can_be_translated():
+    bits, whole = np.zeros((1, DRAWS), np.int64), np.zeros(2, np.int64)
+    arguments = (0, bits, Link(), 1, whole, bits, whole, bits)
+    Program().function(simulate_link, [type_of(argument) for argument in arguments])
+    Program().function(fill, [type_of(argument) for argument in (whole, np.zeros(2))])

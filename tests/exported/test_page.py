@@ -1,0 +1,46 @@
+"""docs/export_c.md: its commands, word for word."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "export_c.md").read_text()
+EQUAL = "2001 of 2001 commands equal"
+BLOCKS = re.findall(r"```sh\n(.*?)```", PAGE, re.S)
+
+
+def run(block, folder):
+    words = ["bash", "-euo", "pipefail", "-c", block]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("robot")
+    (folder / "examples").symlink_to(ROOT / "examples")
+    assert "tuned.mcap: verified" in run(BLOCKS[0], folder)
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler: apt-get install gcc")
+def test_on_this_machine(exported):
+    assert EQUAL in PAGE
+    assert EQUAL in run(BLOCKS[1], exported)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not (shutil.which("arm-none-eabi-gcc") and shutil.which("qemu-system-arm")),
+    reason="no Arm tools: scripts/arm_tools.sh",
+)
+def test_on_a_cortex_m4(exported):
+    assert EQUAL in run(BLOCKS[2], exported)

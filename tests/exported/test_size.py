@@ -1,0 +1,54 @@
+"""Sizes on a Cortex-M4: text with tables, and the deepest stack of an update; libgcc apart."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from functools import cache
+
+import pytest
+
+from trunk_control.laws import law_named
+from trunk_experiments.export_c.controller import ExportedController
+from trunk_experiments.export_c.source import header, source
+from trunk_experiments.plans.nodes import CONTROLLERS
+
+pytestmark = pytest.mark.skipif(
+    shutil.which("arm-none-eabi-gcc") is None, reason="no Arm tools: scripts/arm_tools.sh"
+)
+
+
+def deepest(graph, begin):
+    """Return the bytes of the deepest path of calls that GCC's -fcallgraph-info=su knows."""
+    bytes_of = dict(
+        re.findall(r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \(static\)', graph)
+    )
+    calls = re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', graph)
+
+    @cache
+    def depth(name):
+        below = [depth(target) for source, target in calls if source == name]
+        return int(bytes_of.get(name, 0)) + max(below, default=0)
+
+    return depth(begin)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_small_enough_for_a_cortex_m4(name, tmp_path):
+    law = law_named(name)
+    exported = ExportedController(law, law.config())
+    (tmp_path / f"{name}.h").write_text(header(exported))
+    (tmp_path / f"{name}.c").write_text(source(exported))
+    words = "arm-none-eabi-gcc -std=c99 -Os -mcpu=cortex-m4 -mthumb -ffreestanding -fcallgraph-info=su -c"
+    subprocess.run([*words.split(), f"{name}.c"], cwd=tmp_path, check=True)
+    out = subprocess.run(
+        ["arm-none-eabi-size", f"{name}.o"], cwd=tmp_path, capture_output=True, text=True
+    )
+    text, data = map(int, out.stdout.splitlines()[1].split()[:2])
+    graph = (tmp_path / f"{name}.ci").read_text()
+    stack = deepest(graph, f"{name}_update")
+    print(name, text, stack)
+    assert data == 0
+    assert text <= 10_240
+    assert 100 < stack <= 1024
