@@ -68,7 +68,11 @@ def test_command_is_held_between_due_instants(make, config):
     state = controller.memory
     for k in range(1, 10):
         held = controller.update(k * MS, 0.3 + k, -k)
-        assert (held.effort, held.updated, held.terms) == (due.effort, False, controller.law.no_terms)
+        assert (held.effort, held.updated, held.terms) == (
+            due.effort,
+            False,
+            controller.law.no_terms,
+        )
         assert (held.active, held.held) == (True, False)
         assert controller.memory == state
     assert controller.update(10 * MS, 0.4, 0.1).updated
