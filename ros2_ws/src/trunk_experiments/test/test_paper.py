@@ -16,7 +16,8 @@ from trunk_experiments.analysis.metrics import RunMetrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.paper import report as paper_report
 from trunk_experiments.paper.claims import CLAIMS, NOT, PARTLY, REPRODUCED, judge
-from trunk_experiments.paper.errata import ERRATA, single_repairs
+from trunk_experiments.paper.errata import ERRATA, plain, single_repairs
+from trunk_experiments.paper.report import formulas
 from trunk_experiments.paper.reproduction import Reproduction, as_json
 from trunk_experiments.paper.runs import PROFILES, PaperRun, cases, undershoot
 
@@ -149,3 +150,18 @@ def test_the_report_is_one_file_with_every_part(tmp_path, monkeypatch):
     assert page.count("<article") == page.count('<p class="verdict">') == len(CLAIMS)
     assert 'src="http' not in page
     assert json.loads((tmp_path / "paper.json").read_text())["errata"][0]["shown"] is True
+
+
+def test_errata_are_printed_as_mathematics():
+    page = formulas("no $θ̇²$; a < $M⁻¹V − K_{p,max}$")
+    assert page == (
+        "no <math><msup><mover><mi>θ</mi><mo>˙</mo></mover><mn>2</mn></msup></math>; a &lt; "
+        "<math><msup><mi>M</mi><mn>−1</mn></msup><mi>V</mi><mo>−</mo>"
+        "<msub><mi>K</mi><mtext>p,max</mtext></msub></math>"
+    )
+    for erratum in ERRATA:
+        for text in (erratum.printed, erratum.correct):
+            assert text.count("$") % 2 == 0
+            assert not set("$_{}") & set(plain(text))
+            outside = "".join(text.split("$")[::2])  # of the formulas
+            assert not set("θẋẍė²⁻") & set(outside), text

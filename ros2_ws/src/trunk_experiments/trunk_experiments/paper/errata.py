@@ -6,6 +6,7 @@ numbers computed from what it prints elsewhere.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import cache
 from math import pi, sqrt
@@ -26,12 +27,20 @@ KU, TU = 100.0, 1.2  # as printed, except for the sign: N m/rad, s
 
 
 class Erratum(NamedTuple):
-    """A misprint, or in one case an odd convention: where, what is printed, what is right."""
+    """A misprint, or in one case an odd convention: where, what is printed, what is right.
+
+    Formulas are between dollar signs, an index after ``_``; `plain` is the text without these.
+    """
 
     where: str
     printed: str
     correct: str
     show: Callable[[], tuple[bool, str]]  # whether it is one, and the computation that shows it
+
+
+def plain(text: str) -> str:
+    """Return a text without the marks of its formulas: ``Kp,max = 0.6 Ku``."""
+    return re.sub(r"[$_{}]", "", text)
 
 
 @cache
@@ -68,8 +77,9 @@ def lagrange() -> dict[str, Any]:
 
 
 def mathematics(values: object) -> str:
-    """Return expressions as they are written by hand: ``m l² sin(θ)``."""
-    return str(values).replace("**2", "²").replace("*", " ").replace("-", "−")
+    """Return expressions as they are written by hand, marked as a formula: ``$m l² sin(θ)$``."""
+    text = str(values).replace("**2", "²").replace("*", " ").replace("-", "−")
+    return f"${text}$"
 
 
 def _row_difference(name: str, printed: Callable[[dict[str, Any]], Any]) -> tuple[bool, str]:
@@ -84,7 +94,7 @@ def _force() -> tuple[bool, str]:
     inertia = sp.expand(s["row_th"]).coeff(s["thdd"])
     return (
         sp.diff(s["momentum"], s["thdd"]) == 0 and sp.simplify(inertia - s["m"] * s["l"] ** 2) == 0,
-        f"(1) has {mathematics(inertia)} θ̈ on its left, a torque in N·m; the momentum ∂L/∂θ̇ has no θ̈",
+        f"(1) has {mathematics(inertia)} $θ̈$ on its left, a torque in N·m; the momentum $∂L/∂θ̇$ has no $θ̈$",
     )
 
 
@@ -118,7 +128,7 @@ def _v22() -> tuple[bool, str]:
     printed = -s["m"] * s["l"] * (sp.sin(s["th"]) + sp.cos(s["th"])) * sp.cos(s["x"])
     left = sp.simplify(printed - derived)
     return left != 0, (
-        f"θ̇² in the x row is {mathematics(sp.factor(derived))}; "
+        f"$θ̇²$ in the $x$ row is {mathematics(sp.factor(derived))}; "
         f"printed minus derived = {mathematics(left)}"
     )
 
@@ -137,9 +147,9 @@ def _mass_matrix() -> tuple[bool, str]:
     angles = np.linspace(-pi, pi, 181)
     largest = float(np.max(determinant(*np.meshgrid(angles, angles))))
     return equal and largest < 0.0 and printed[0, 1] != printed[1, 0], (
-        "the printed rows are those of θ and of x, in the order of U = [τ; 0]: the same two equations. "
-        f"M is then not symmetric, entries (1,2) = {mathematics(printed[0, 1])} and (2,1) = "
-        f"{mathematics(printed[1, 0])}, and its determinant at most {largest:.4g} over all x and θ "
+        "the printed rows are those of $θ$ and of $x$, in the order of $U = [τ; 0]$: the same two equations. "
+        f"$M$ is then not symmetric, entries (1,2) = {mathematics(printed[0, 1])} and (2,1) = "
+        f"{mathematics(printed[1, 0])}, and its determinant at most {largest:.4g} over all $x$ and $θ$ "
         "(181 × 181 points): it can be inverted all the same"
     )
 
@@ -158,7 +168,7 @@ def _gravity() -> tuple[bool, str]:
     prints = Body(as_printed=True)
     rises = accelerations(PlantState(pi / 2, lean, 0.0, 0.0), 0.0, 0.0, prints)[1]
     return turned and falls > 0.0 > rises, (
-        f"derived G = {mathematics(derived)}, the printed one is its negative; leaning by {lean:g} rad "
+        f"derived $G$ = {mathematics(derived)}, the printed one is its negative; leaning by {lean:g} rad "
         f"the trunk accelerates by {falls:+.4f} rad/s² (it falls), as printed by {rises:+.4f} (it rises "
         "by itself)"
     )
@@ -187,8 +197,8 @@ def _equation_12() -> tuple[bool, str]:
         right = max(right, float(np.max(np.abs(np.linalg.solve(a, u - v - g)[:, 0] - truth))))
         wrong = max(wrong, float(np.max(np.abs(np.linalg.solve(a, v - g - u)[:, 0] - truth))))
     return right < 1e-9 < wrong, (
-        f"with the right M, V, G at 200 random states: −M⁻¹V − M⁻¹G + M⁻¹U is the plant to {right:.1e}, "
-        f"the printed +M⁻¹V − M⁻¹G − M⁻¹U is off by up to {wrong:.3g} (SI)"
+        f"with the right $M$, $V$, $G$ at 200 random states: $−M⁻¹V − M⁻¹G + M⁻¹U$ is the plant to "
+        f"{right:.1e}, the printed $+M⁻¹V − M⁻¹G − M⁻¹U$ is off by up to {wrong:.3g} (SI)"
     )
 
 
@@ -200,8 +210,8 @@ def _negative_gains() -> tuple[bool, str]:
 
     down, up = fastest(-KU), fastest(KU)
     return down > 0.0 and up < 1e-9, (
-        f"poles of the linearised trunk with u = K (r − θ): K = −100 has one at {down:+.2f} 1/s, "
-        f"K = +100 none right of {up:.1g}"
+        f"poles of the linearised trunk with $u = K (r − θ)$: $K = −100$ has one at {down:+.2f} 1/s, "
+        f"$K = +100$ none right of {up:.1g}"
     )
 
 
@@ -209,8 +219,8 @@ def _gain_conversion() -> tuple[bool, str]:
     kp, ti, td = 0.6 * KU, TU / 2.0, TU / 8.0
     printed, right = (kp * ti, kp / td), (kp / ti, kp * td)
     return np.allclose(printed, (36.0, 400.0)) and not np.allclose(right, printed), (
-        f"Kp·Ti = {printed[0]:g} and Kp/Td = {printed[1]:g} give the printed numbers; by eq. 13 "
-        f"Ki = Kp/Ti = {right[0]:g}, Kd = Kp·Td = {right[1]:g}"
+        f"$K_p·T_i = {printed[0]:g}$ and $K_p/T_d = {printed[1]:g}$ give the printed numbers; by eq. 13 "
+        f"$K_i = K_p/T_i = {right[0]:g}$, $K_d = K_p·T_d = {right[1]:g}$"
     )
 
 
@@ -218,7 +228,7 @@ def _range() -> tuple[bool, str]:
     low, printed, right = 0.32 * KU, 0.06 * KU, 0.6 * KU
     return (
         printed < low < right,
-        f"Kp,min = {low:g}; 0.06 Ku = {printed:g} lies below it, 0.6 Ku = {right:g}",
+        f"$K_{{p,min}} = {low:g}$; $0.06 K_u = {printed:g}$ lies below it, $0.6 K_u = {right:g}$",
     )
 
 
@@ -243,7 +253,7 @@ def _table_3() -> tuple[bool, str]:
     repairs = single_repairs(KD_AS_PRINTED)
     names = ", ".join(f"({INPUT_LABELS[i]}, {INPUT_LABELS[j]})" for i, j in repairs)
     return [(INPUT_LABELS[i], INPUT_LABELS[j]) for i, j in repairs] == [("NM", "PB")], (
-        f"of the 49 cells, changing one alone restores both symmetries (e → −e, ė → −ė): {names}"
+        f"of the 49 cells, changing one alone restores both symmetries ($e → −e$, $ė → −ė$): {names}"
     )
 
 
@@ -268,40 +278,45 @@ def _no_ultimate_gain() -> tuple[bool, str]:
         for k in gains
     )
     return real < 1e-6 and abs(period - TU) > 0.1 and late > 1.0, (
-        f"pure P, 60 gains from 1.02·mgl = {gains[0]:.3g} to 1e4: largest |real part| of a pole "
-        f"{real:.1g} 1/s: every one oscillates for ever, none is the ultimate one; at K = 100 the period "
-        f"is {period:.3f} s, not 1.2 s (that takes K = {wanted:.3g}); sampled at 1 kHz every one grows "
+        f"pure P, 60 gains from $1.02·m g l = {gains[0]:.3g}$ to 1e4: largest |real part| of a pole "
+        f"{real:.1g} 1/s: every one oscillates for ever, none is the ultimate one; at $K = 100$ the period "
+        f"is {period:.3f} s, not 1.2 s (that takes $K = {wanted:.3g}$); sampled at 1 kHz every one grows "
         f"(smallest spectral radius {late:.9f})"
     )
 
 
 ERRATA = (
-    Erratum("(1)", "generalized momentum Q", "generalized force", _force),
+    Erratum("(1)", "generalized momentum $Q$", "generalized force", _force),
     Erratum(
         "(10), τ row",
-        "ẋ ml(…), ẋ² ml sin θ, +mgl sin θ",
-        "ẍ ml(…), ẋ² ml sin x sin θ, −mgl sin θ",
+        "$ẋ m l (…)$, $ẋ² m l sin θ$, $+m g l sin θ$",
+        "$ẍ m l (…)$, $ẋ² m l sin x sin θ$, $−m g l sin θ$",
         _torque_row,
     ),
     Erratum(
         "(10), x row",
-        "no θ̇² term; −(M+m) g cos x",
-        "−ml(sin θ + cos x cos θ) θ̇²; +(M+m) g cos x",
+        "no $θ̇²$ term; $−(M + m) g cos x$",
+        "$−m l (sin θ + cos x cos θ) θ̇²$; $+(M + m) g cos x$",
         _x_row,
     ),
-    Erratum("under (11), V22", "−ml(sin θ + cos θ) cos x θ̇", "−ml(sin θ + cos x cos θ) θ̇", _v22),
+    Erratum(
+        "under (11), V22",
+        "$−m l (sin θ + cos θ) cos x θ̇$",
+        "$−m l (sin θ + cos x cos θ) θ̇$",
+        _v22,
+    ),
     Erratum(
         "under (11), M",
-        "rows in the order (θ, x) against Z = [x, θ]",
-        "unconventional, not a misprint, as U = [τ; 0]; with rows swapped it is symmetric",
+        "rows in the order $(θ, x)$ against $Z = [x, θ]$",
+        "unconventional, not a misprint, as $U = [τ; 0]$; with rows swapped it is symmetric",
         _mass_matrix,
     ),
     Erratum("under (11), G", "both signs: gravity points up", "both reversed", _gravity),
-    Erratum("(12)", "Ż = …, +M⁻¹V, −M⁻¹U", "[Ż; Z̈] = …, −M⁻¹V, +M⁻¹U", _equation_12),
-    Erratum("gains", "Ku = −100, Kp = −60 …", "positive for e = r − θ", _negative_gains),
-    Erratum("kd, ki", "−400, −36", "−9, −100 by Table 1 and eq. 13", _gain_conversion),
-    Erratum("(16)", "Kp,max = 0.06 Ku", "0.6 Ku", _range),
+    Erratum("(12)", "$Ż = …$, $+M⁻¹V$, $−M⁻¹U$", "$[Ż; Z̈] = …$, $−M⁻¹V$, $+M⁻¹U$", _equation_12),
+    Erratum("gains", "$K_u = −100$, $K_p = −60$ …", "positive for $e = r − θ$", _negative_gains),
+    Erratum("kd, ki", "$−400$, $−36$", "$−9$, $−100$ by Table 1 and eq. 13", _gain_conversion),
+    Erratum("(16)", "$K_{p,max} = 0.06 K_u$", "$0.6 K_u$", _range),
     Erratum("Table 3", "(NM, PB) = S", "B", _table_3),
     Erratum("§IV, §V", "pulses “of 100 degrees” / “on the hip”", "contradictory", _pulse),
-    Erratum("Ku, Tu", "−100, 1.2 s", "there is no ultimate gain", _no_ultimate_gain),
+    Erratum("Ku, Tu", "$−100$, 1.2 s", "there is no ultimate gain", _no_ultimate_gain),
 )

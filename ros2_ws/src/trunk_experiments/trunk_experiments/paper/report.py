@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import unicodedata
 from base64 import b64encode
 from collections import Counter
 from importlib.resources import files
@@ -57,7 +59,7 @@ def write_report(result: Reproduction, folder: Path, say: Say = lambda step: Non
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["number"] = _number
+    environment.filters |= {"number": _number, "formulas": formulas}
     here = files(__package__)
     template = here.joinpath("report.html.j2").read_text(encoding="utf-8")
     page = environment.from_string(template).render(
@@ -116,6 +118,42 @@ def _figure(figure: str, folder: Path) -> str:
         save(drawn, folder / f"{figure}{suffix}")
     write(make_report(views), folder / f"{figure}.html")
     return "data:image/png;base64," + b64encode((folder / f"{figure}.png").read_bytes()).decode()
+
+
+_TOKEN = re.compile(
+    r"""(?P<index>[A-Za-z]_(?:\{[^}]*\}|\w))|(?P<number>\d+(?:\.\d+)?)|(?P<name>sin|cos)
+    |(?P<power>[⁻⁰¹²³⁴-⁹]+)|(?P<letter>[^\W\d_][\u0307\u0308]?)|(?P<sign>\S)""",
+    re.VERBOSE,
+)
+_DOTS = {"\u0307": "˙", "\u0308": "¨"}
+
+
+def formulas(text: str) -> Markup:
+    """Return a text as HTML, its formulas, ``$m l² sin θ$``, as MathML."""
+    parts = text.split("$")
+    return Markup("").join(_mathml(part) if k % 2 else part for k, part in enumerate(parts))
+
+
+def _mathml(formula: str) -> Markup:
+    row: list[Markup] = []
+    for token in _TOKEN.finditer(unicodedata.normalize("NFD", formula)):
+        kind, text = token.lastgroup, token[0]
+        if kind == "index":
+            name, index = text[0], text[2:].strip("{}")
+            row.append(Markup("<msub><mi>{}</mi><mtext>{}</mtext></msub>").format(name, index))
+        elif kind == "power" and row:
+            power = unicodedata.normalize("NFKC", text)
+            row.append(Markup("<msup>{}<mn>{}</mn></msup>").format(row.pop(), power))
+        elif kind == "letter" and text[1:]:
+            letter = Markup("<mover><mi>{}</mi><mo>{}</mo></mover>")
+            row.append(letter.format(text[0], _DOTS[text[1]]))
+        elif kind == "name":
+            row.append(Markup("<mi>{}</mi><mspace width='.15em'/>").format(text))
+        else:
+            tag = {"number": "mn", "letter": "mi"}.get(str(kind), "mo")
+            attribute = ' stretchy="false"' if text in "()[]" else ""
+            row.append(Markup(f"<{tag}{attribute}>{{}}</{tag}>").format(text))
+    return Markup("<math>{}</math>").format(Markup("").join(row))
 
 
 def _number(value: float | None, key: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 from ..batch.compiled_run import Batch
 from ..plans.plan import make_plan
 from .claims import CLAIMS, ClaimVerdict, judge
-from .errata import ERRATA, Erratum
+from .errata import ERRATA, Erratum, plain
 from .runs import (
     BASELINES,
     OF_THE_PAPER,
@@ -171,10 +171,10 @@ def as_json(result: Reproduction) -> dict[str, Any]:
         "errata": [
             {
                 "where": e.where,
-                "printed": e.printed,
-                "correct": e.correct,
+                "printed": plain(e.printed),
+                "correct": plain(e.correct),
                 "shown": shown,
-                "computation": text,
+                "computation": plain(text),
             }
             for e, shown, text in result.errata
         ],
