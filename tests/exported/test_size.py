@@ -43,7 +43,11 @@ def test_small_enough_for_a_cortex_m4(name, tmp_path):
     words = "arm-none-eabi-gcc -std=c99 -Os -mcpu=cortex-m4 -mthumb -ffreestanding -fcallgraph-info=su -c"
     subprocess.run([*words.split(), f"{name}.c"], cwd=tmp_path, check=True)
     out = subprocess.run(
-        ["arm-none-eabi-size", f"{name}.o"], cwd=tmp_path, capture_output=True, text=True
+        ["arm-none-eabi-size", f"{name}.o"],
+        check=True,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
     )
     text, data = map(int, out.stdout.splitlines()[1].split()[:2])
     graph = (tmp_path / f"{name}.ci").read_text()
