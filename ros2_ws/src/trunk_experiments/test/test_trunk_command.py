@@ -147,7 +147,7 @@ def test_diff_finds_where_two_runs_diverge(fig7, tmp_path):
     trunk("simulate", "fig7", "--controller", "pid", "--set", "pid.gains.d=9.5", "-o", other)
     said = trunk("diff", fig7, other, code=1).stdout
     assert "first at t = 0 s: pid/state: position[kd]: 9 N m s/rad in A, 9.5 N m s/rad in B" in said
-    assert "pid: gains.d: 9.0 in A, 9.5 in B" in said
+    assert "pid: gains.d: 9 in A, 9.5 in B" in said
 
 
 MISTAKES = {
