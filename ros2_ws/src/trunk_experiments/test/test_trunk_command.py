@@ -216,17 +216,6 @@ def test_wrong_usage_gives_one_line_that_says_what_to_do(arguments, says):
 
 
 @pytest.mark.slow
-def test_a_file_is_not_overwritten_unless_asked(tmp_path):
-    path = tmp_path / "x.mcap"
-    path.write_text("mine")
-    said = trunk("simulate", "fig6", "--duration", "0.1", "-o", path, code=2).stderr
-    assert "x.mcap" in said
-    assert path.read_text() == "mine"
-    trunk("simulate", "fig6", "--duration", "0.1", "-o", path, "--force")
-    assert path.stat().st_size > 1000
-
-
-@pytest.mark.slow
 def test_a_fall_is_said_first_of_a_simulated_run(tmp_path):
     said = trunk("simulate", "fig8", "--duration", "1.2", "-o", tmp_path / "x.mcap").stdout
     assert said.splitlines()[0] == "FELL: at t = 1.085 s, -90 degrees"
@@ -238,14 +227,6 @@ def test_help_cuts_no_sentence(verb):
     commands = trunk(verb, "--help").stdout.partition("Commands:")[2]
     assert commands.strip().endswith(".")
     assert "..." not in commands
-
-
-@pytest.mark.slow
-def test_every_verb_has_help():
-    listed = trunk("--help").stdout
-    for verb in ("run", "simulate", "metrics", "info", "export", "verify", "diff", "params"):
-        assert verb in listed
-        assert "Usage" in trunk(verb, "--help").stdout
 
 
 @pytest.mark.slow
