@@ -40,15 +40,10 @@ def test_small_enough_for_a_cortex_m4(name, tmp_path):
     exported = ExportedController(law, law.config())
     (tmp_path / f"{name}.h").write_text(header(exported))
     (tmp_path / f"{name}.c").write_text(source(exported))
-    words = "arm-none-eabi-gcc -std=c99 -Os -mcpu=cortex-m4 -mthumb -ffreestanding -fcallgraph-info=su -c"
-    subprocess.run([*words.split(), f"{name}.c"], cwd=tmp_path, check=True)
-    out = subprocess.run(
-        ["arm-none-eabi-size", f"{name}.o"],
-        check=True,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-    )
+    flags = "-std=c99 -Os -mcpu=cortex-m4 -mthumb -ffreestanding -fcallgraph-info=su -c"
+    subprocess.run(["arm-none-eabi-gcc", *flags.split(), f"{name}.c"], cwd=tmp_path, check=True)
+    words = ["arm-none-eabi-size", f"{name}.o"]
+    out = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True)
     text, data = map(int, out.stdout.splitlines()[1].split()[:2])
     graph = (tmp_path / f"{name}.ci").read_text()
     stack = deepest(graph, f"{name}_update")
