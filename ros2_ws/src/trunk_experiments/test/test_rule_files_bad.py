@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import pytest
 from click.testing import CliRunner
 
@@ -187,3 +189,12 @@ def test_wrong_names_are_named(tmp_path, words, says):
     assert done.exit_code != 0
     assert says in str(done.exception)
     assert not (tmp_path / "out.yaml").exists()
+
+
+def test_a_missing_library_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "fuzzylite", None)
+    file = tmp_path / "sound.fis"
+    file.write_text(FIS)
+    done = imported(file, "-o", tmp_path / "out.yaml")
+    assert done.exit_code != 0
+    assert "pip install --no-deps pyfuzzylite" in str(done.exception)

@@ -51,7 +51,7 @@ def command(
     from ..plans.plan import make_plan
     from ..rulebase.exporting import FORMATS, written
 
-    check_output(output, tuple(FORMATS), force, list(params))
+    check_output(output, tuple(FORMATS), force, params, chooses_format=True)
     name = controller or _named(params)
     plan = make_plan("fig6", name, params, settings)
     show_warnings(plan.warnings)

@@ -80,7 +80,9 @@ def fuzzy_command(
     if picture is not None:
         from ..views.plot_style import SUFFIXES
 
-        check_output(picture, tuple(SUFFIXES), force, [file, target], "--picture")
+        check_output(
+            picture, tuple(SUFFIXES), force, [file, target], "--picture", chooses_format=True
+        )
     names = _pairs("--input", inputs, _INPUTS), _pairs("--output", outputs, _OUTPUTS)
     from ..rulebase.importing import import_rules
 
