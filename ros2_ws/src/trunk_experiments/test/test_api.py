@@ -126,6 +126,15 @@ def test_overrides_win_over_files_and_accept_numpy_values():
     assert plan.rate == told["fuzzy_pid"]["update_rate"] == 500.0
 
 
+def test_a_plan_takes_the_pushes_of_the_command():
+    planned = trunk.plan("demo", "pid", duration=0.3, pushes=["60Nm:0.1s@0.1"])
+    acting = trunk.simulate(planned).disturbance["disturbance_trunk_effort"]
+    assert sorted(set(acting.tolist())) == [0.0, 60.0]
+    assert np.flatnonzero(acting).tolist() == list(range(20, 40))  # at 200 Hz
+    with pytest.raises(trunk.TrunkError, match="'60Nm': "):
+        trunk.plan("demo", pushes=["60Nm"])
+
+
 def test_controllers_take_turns():
     plan = trunk.plan("fig6", "pid", swaps=[(0.5, "fuzzy_pid")], duration=1.0)
     run = trunk.simulate(plan)

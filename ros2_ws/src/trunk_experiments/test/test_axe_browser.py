@@ -13,8 +13,6 @@ from .graph_double import ServedGraph
 
 pytestmark = pytest.mark.browser
 
-axe = pytest.importorskip("axe_playwright_python.sync_playwright")
-
 LOOKS = [
     ({"width": 1400, "height": 900}, "light"),
     ({"width": 1400, "height": 900}, "dark"),
@@ -35,11 +33,16 @@ def addresses(short_run, tmp_path_factory):
 @pytest.mark.parametrize("name", ["live", "report"])
 @pytest.mark.parametrize(("viewport", "scheme"), LOOKS, ids=["desk", "dark", "phone"])
 def test_axe_has_no_complaint(browser, addresses, name, viewport, scheme):
+    pytest.importorskip(
+        "axe_playwright_python", reason="axe-playwright-python: scripts/bootstrap.sh"
+    )
+    from axe_playwright_python.sync_playwright import Axe
+
     with browser.new_context(viewport=viewport, color_scheme=scheme, bypass_csp=True) as context:
         context.set_default_timeout(0)  # pytest has one
         page = context.new_page()
         page.goto(addresses[name])
         page.wait_for_selector("html[data-ready]")
-        found = axe.Axe().run(page).response
+        found = Axe().run(page).response
         assert [rule["id"] for rule in found["violations"]] == []
         assert len(found["passes"]) > 15

@@ -96,6 +96,7 @@ def plan(
     duration: float | None = None,
     rate: float | None = None,
     swaps: Sequence[tuple[float, str]] = (),
+    pushes: Sequence[str] = (),
 ) -> Plan:
     """Return the plan of a run; all files are read and all values checked.
 
@@ -106,6 +107,7 @@ def plan(
     For an array, give a sequence or a NumPy array.
     ``duration``: simulated time in s. ``rate``: of simulator and controllers in Hz.
     ``swaps``: pairs of a time in s and the controller that takes over then, in ascending order.
+    ``pushes``: pulses besides the scenario's, as `trunk simulate --push` takes them: ``"60Nm:0.1s@3"``.
 
     Raises PlanError, ParameterError or another `TrunkError`: one line with the name, its value, and what is
     allowed.
@@ -128,6 +130,7 @@ def plan(
         everywhere,
         swaps=turns,
         source="duration or rate",
+        pushes=list(names_of(pushes, "pushes")),
     )
     return Plan(made)
 
