@@ -25,13 +25,14 @@ from trunk_msgs_util.recording.topic import RecordingError
 from trunk_sim.simulation import DivergedError
 
 PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
-# These never reach a user: readers turn them into a RecordingError that names the file.
+# These never reach a user. Readers turn most of them into a RecordingError that names the file.
 INTERNAL = {
     "DamageError",
     "ChecksumError",
     "LimitError",
     "LimitReachedError",
     "TrailingError",
+    "RestartError",  # begins a translation again
     "_Interrupted",
 }
 

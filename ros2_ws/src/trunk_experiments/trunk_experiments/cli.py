@@ -53,7 +53,7 @@ _FAMILIES = {
         "sign": "Sign a recording's content with your key; make a key.",
     },
     "many runs": {
-        "limit": "Find the greatest push or delay that a controller withstands.",
+        "limit": "Find the greatest push or delay a controller withstands.",
         "sweep": "Run a study: grids and draws over any parameter.",
         "study": "Read a sweep: map, compare, report, repeat a run.",
         "paper": "Reproduce the paper's figures and judge its claims.",

@@ -174,8 +174,9 @@ def _evidence(run: RecordedRun, examined: Mapping[str, _Examined]) -> Iterator[F
                 why = recording.unreadable(topic) or "no messages"
                 yield Finding(WARNING, f"{why}: the run cannot be recomputed", topic)
             continue
-        table: _Examined | JointTable = examined[topic]
-        if run.another_robot or run.external:  # only what is meant for our controllers or our plant
+        table: _Examined | JointTable | None = examined.get(topic)  # none: it is of another type
+        # Of another robot and beside foreign nodes, only what is meant for our controllers or our plant.
+        if table is None or run.another_robot or run.external:
             try:
                 table = run.table(relative)
             except RecordingError as error:

@@ -1,4 +1,4 @@
-"""A run's rule base as pictures: the triangles of its inputs, the surfaces of its tables, its way."""
+"""A run's rule base as pictures: the triangles of its inputs, the surfaces of its tables, its path."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MOST_LABELS = 13  # on one axis; more are thinned out
 _CELLS = 9  # rows and columns of a table whose cells are written into its surface
 
 
-class _Way(NamedTuple):
+class _InputPath(NamedTuple):
     """The inputs of a run's updates."""
 
     t: Floats  # s
@@ -44,29 +44,29 @@ def memberships(view: RunView) -> Figure:
 
     Raises PlanError for a run whose law has no rules.
     """
-    config, way = _rules_of(view)
+    config, path = _rules_of(view)
     with rc_context(STYLE):
         figure = Figure(figsize=(10.0, 6.4), layout="constrained")
         grid = figure.add_gridspec(2, 2, height_ratios=(1.0, 1.5))
-        for column, axis in enumerate(_inputs(config, way)):
+        for column, axis in enumerate(_inputs(config, path)):
             triangles = figure.add_subplot(grid[0, column])
-            path = figure.add_subplot(grid[1, column], sharex=triangles)
+            below = figure.add_subplot(grid[1, column], sharex=triangles)
             _triangles(triangles, axis)
-            _over_time(path, axis, way.t)
+            _over_time(below, axis, path.t)
             if column == 0:
                 triangles.set_ylabel("membership")
-                path.set_ylabel("time (s)")
+                below.set_ylabel("time (s)")
     return figure
 
 
 def surface(view: RunView) -> Figure:
-    """Return each table's surface over e and e_dot, with the peaks' labels and the run's way over it.
+    """Return each table's surface over e and e_dot, with the peaks' labels and the run's path over it.
 
     Raises PlanError for a run whose law has no rules.
     """
-    config, way = _rules_of(view)
+    config, path = _rules_of(view)
     grid = surface_of(config)
-    error, rate = _inputs(config, way)
+    error, rate = _inputs(config, path)
     with rc_context(STYLE):
         figure = Figure(figsize=(4.9 * len(config.tables), 4.8), layout="constrained")
         for index, table in enumerate(config.tables):
@@ -85,7 +85,7 @@ def surface(view: RunView) -> Figure:
                 axes.axvline(place, color="white", linewidth=0.6, alpha=0.5, linestyle=":")
             for place in rate.peaks:
                 axes.axhline(place, color="white", linewidth=0.6, alpha=0.5, linestyle=":")
-            _way_over(axes, error, rate)
+            _path_over(axes, error, rate)
             _cells(axes, table.cells, error, rate)
             axes.set_title(f"{table.title} of {view.title}" if index == 0 else table.title, pad=22)
             axes.set_xlabel(error.title)
@@ -99,7 +99,7 @@ def surface(view: RunView) -> Figure:
     return figure
 
 
-def _rules_of(view: RunView) -> tuple[RuleBaseConfig, _Way]:
+def _rules_of(view: RunView) -> tuple[RuleBaseConfig, _InputPath]:
     config = view.controller
     if not isinstance(config, RuleBaseConfig):
         raise PlanError(
@@ -111,17 +111,17 @@ def _rules_of(view: RunView) -> tuple[RuleBaseConfig, _Way]:
             f"{view.path}: the terms of its controller were not recorded: record them too"
         )
     t = (terms.stamp_ns - view.run.begin_ns) / NANOSECONDS
-    return config, _Way(
+    return config, _InputPath(
         t, terms.column("position", "error"), terms.column("position", "error_rate")
     )
 
 
-def _inputs(config: RuleBaseConfig, way: _Way) -> tuple[_Input, _Input]:
+def _inputs(config: RuleBaseConfig, path: _InputPath) -> tuple[_Input, _Input]:
     error_peaks, rate_peaks = (np.array(peaks) for peaks in config.peaks)
     axes = config.axes
     return (
-        _Input("error e (°)", np.degrees(error_peaks), axes.error, np.degrees(way.error)),
-        _Input("its rate ė (rad/s)", rate_peaks, axes.rate, way.rate),
+        _Input("error e (°)", np.degrees(error_peaks), axes.error, np.degrees(path.error)),
+        _Input("its rate ė (rad/s)", rate_peaks, axes.rate, path.rate),
     )
 
 
@@ -166,8 +166,8 @@ def _over_time(axes: Axes, axis: _Input, t: Floats) -> None:
     axes.set_xlim(*_range(axis))
 
 
-def _way_over(axes: Axes, error: _Input, rate: _Input) -> None:
-    """Draw the run's way; inputs beyond the edge act like the edge."""
+def _path_over(axes: Axes, error: _Input, rate: _Input) -> None:
+    """Draw the run's path; inputs beyond the edge act like the edge."""
     e = np.clip(error.values, error.peaks[0], error.peaks[-1])
     r = np.clip(rate.values, rate.peaks[0], rate.peaks[-1])
     axes.plot(e, r, color="black", linewidth=2.6, solid_capstyle="round")
