@@ -8,10 +8,9 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from types import FunctionType
 
-from .assignment import Assignment, Variable
+from .assignment import Variable
 from .layout import (
     Block,
     Line,
@@ -23,22 +22,17 @@ from .layout import (
     words_in,
 )
 from .loops import for_loop
-from .program import Definitions, RestartError, Translated, first_line, qualified
+from .program import Definitions, Translated, first_line, qualified
+from .results import Results
 from .types import (
     INTEGER,
     NATURAL,
     NOTHING,
-    Array,
     Record,
-    Scalar,
-    Static,
-    Table,
     Type,
     UntranslatableError,
     Value,
     at_run_time,
-    joined,
-    shown,
 )
 
 _REMEDIES: dict[type[ast.AST], tuple[str, str]] = {
@@ -57,7 +51,7 @@ _REMEDIES: dict[type[ast.AST], tuple[str, str]] = {
 }
 
 
-class Translator(Assignment):
+class Translator(Results):
     """Translates one function; `Program.function` calls `run`, again after each `RestartError`."""
 
     def __init__(
@@ -275,79 +269,6 @@ class Translator(Assignment):
                 default = ("this statement is not translated", "use assignments, if, for and while")
                 raise self.refused(node, *_REMEDIES.get(type(node), default))
         return False
-
-    def _return(self, node: ast.AST, value: Value) -> bool:
-        t = value.type
-        if isinstance(t, Record) and t.kind is None and value.parts is not None:
-            t = Record(None, tuple(part.type for part in value.parts))
-        if isinstance(t, Static):
-            raise self.refused(
-                node, "it returns a function or a class", "return numbers and named tuples"
-            )
-        if self.result is None:
-            self.begin_result(t)
-        elif (both := self._joined_result(self.result, t)) is None:
-            raise self.refused(
-                node,
-                f"it returns {shown(t)}, elsewhere {shown(self.result)}",
-                "return one type everywhere: 0.0 for 0",
-            )
-        elif both != self.result:
-            raise RestartError("return")
-        if self.outputs:
-            self._write_outputs(value)
-            self.emit("return;")
-        else:
-            self.emit(f"return {self.bare(value.code)};" if at_run_time(t) else "return;")
-        return True
-
-    def _joined_result(self, a: Type, b: Type) -> Type | None:
-        if isinstance(a, Record) and isinstance(b, Record) and a.kind is None and b.kind is None:
-            types = [joined(x, y) for x, y in zip(a.types, b.types, strict=False)]
-            if len(a.types) != len(b.types) or None in types:
-                return None
-            return Record(None, tuple(types))  # type: ignore[arg-type]
-        return joined(a, b)
-
-    def begin_result(self, t: Type) -> None:
-        """Settle the type of the function's result."""
-        self.result = INTEGER if t == NATURAL and "return" in self.wider else t
-        if not isinstance(t, Record) or not at_run_time(t):
-            return
-        plain = t.kind is None
-        if plain and "return" in self.wider:
-            self.result = t = Record(None, tuple(INTEGER if x == NATURAL else x for x in t.types))
-        for i, inner in enumerate(t.types) if plain else [(0, t)]:
-            if isinstance(inner, Table | Array):
-                raise self.refused(self.tree, "it returns a table", "return its elements")
-            if at_run_time(inner):
-                self.outputs.append((self.local(f"result_{i}") if plain else "result", inner))
-
-    def _write_outputs(self, value: Value) -> None:
-        assert isinstance(value.type, Record)
-        items = [value] if value.type.kind is not None else self.fields(value)
-        live = [item for item in items if at_run_time(item.type)]
-        if self.arguments and self.arguments[0][1] == self.outputs[0][1]:
-            live[0] = self._read_before(live[0], self.arguments[0][0], f"(*{self.outputs[0][0]})")
-        for (c, _), item in zip(self.outputs, live, strict=True):
-            if item.code != f"(*{c})":
-                self.store(f"(*{c})", item)
-
-    def _read_before(self, value: Value, given: str, place: str) -> Value:
-        """Return a record whose numbers are read from an argument before the record is written over it."""
-        t = value.type
-        if not isinstance(t, Record) or value.parts is None:
-            return value
-        parts = []
-        for i, part in enumerate(value.parts):
-            field = self.place_of(place, t, i)
-            own = field.replace(self.outputs[0][0], given, 1)
-            if part.parts is not None:
-                part = self._read_before(part, given, field)
-            elif isinstance(part.type, Scalar) and self.mentions(part, given) and part.code != own:
-                part = self.copied(part, t.names[i])
-            parts.append(part)
-        return replace(value, parts=tuple(parts))
 
     def _if(self, node: ast.If) -> bool:
         test = self.truth(node.test)
