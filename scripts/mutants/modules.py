@@ -51,6 +51,10 @@ MODULES = {
     },
     "fuzzy": Module(CONTROL + "trunk_control/fuzzy.py", (*_in(CONTROL, "fuzzy"), "-k", "not grid")),
     "fuzzy_pid": Module(CONTROL + "trunk_control/fuzzy_pid.py", _in(CONTROL, "fuzzy_pid")),
+    "fuzzy_torque": Module(CONTROL + "trunk_control/fuzzy_torque.py", _in(CONTROL, "fuzzy_torque")),
+    "rule_tables": Module(
+        CONTROL + "trunk_control/rule_tables.py", _in(CONTROL, "rule_tables", "config")
+    ),
     "decide": Module(
         CONTROL + "trunk_control/decide.py",
         _in(CONTROL, "controller", "bumpless_transfer"),

@@ -259,10 +259,8 @@ def rule_base(draw: Draw, node: str, rows: int, columns: int) -> dict[str, Value
     low = {"kp": 0.0, "kd": 0.0, "alpha": 0.1, "u": -1.0}
     values: dict[str, Value] = {}
     for axis, count in (("error", rows), ("rate", columns)):
-        gaps = rng.uniform(0.1, 1.0, count + 1)
-        values[f"fuzzy.{axis}_peaks"] = tuple(
-            (2.0 * np.cumsum(gaps)[:-1] / gaps.sum() - 1.0).tolist()
-        )
+        edges = np.cumsum(rng.uniform(0.1, 1.0, count + 1))
+        values[f"fuzzy.{axis}_peaks"] = tuple((2.0 * edges[:-1] / edges[-1] - 1.0).tolist())
         values[f"fuzzy.{axis}_labels"] = tuple(f"{axis[0]}{i}" for i in range(count))
     for output in ("u",) if node == "fuzzy" else ("kp", "kd", "alpha"):
         labels = tuple(f"L{i}" for i in range(int(rng.integers(1, 6))))
