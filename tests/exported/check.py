@@ -21,7 +21,7 @@ from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import Reading
 from trunk_control.law import Hip, Law
 from trunk_control.laws import law_named
-from trunk_experiments.export_c.controller import ExportedController, Row
+from trunk_experiments.export_c.controller import ExportedController, ExportedStep
 from trunk_experiments.export_c.files import base_files
 from trunk_experiments.export_c.source import fill
 from trunk_experiments.plans.nodes import CONTROLLERS
@@ -143,17 +143,17 @@ def readings(rng: random.Random, count: int) -> Iterator[Reading]:
         yield Reading(stamp_ns, position, 4.0 * rate, Hip(x, v), 20.0 * acting, by_topic, reference)
 
 
-def rows_of(law: Law, config: ControllerConfig, count: int) -> list[Row]:
+def rows_of(law: Law, config: ControllerConfig, count: int) -> list[ExportedStep]:
     """Return random states and CPython's answers."""
     controller = Controller(config, law)
     rows = []
     for reading in readings(random.Random(law.name), count):
         output = controller.decide(reading)
-        rows.append(Row(reading, output.effort, output.active))
+        rows.append(ExportedStep(reading, output.effort, output.active))
     return rows
 
 
-def write(folder: Path, exported: ExportedController, rows: list[Row]) -> None:
+def write(folder: Path, exported: ExportedController, rows: list[ExportedStep]) -> None:
     """Write an exported controller with these rows, and its WebAssembly side."""
     for name, text in base_files(exported, rows).items():
         (folder / name).write_bytes(text)

@@ -19,9 +19,9 @@ from trunk_experiments.export_c.translate import Program
 from trunk_experiments.export_c.types import (
     BOOLEAN,
     REAL,
-    Record,
+    RecordType,
     Scalar,
-    Table,
+    TableType,
     Type,
     at_run_time,
     type_of,
@@ -64,7 +64,7 @@ class Compiled:
                 body += [
                     f"a{i}{path} = {_reader(t)};" for path, t in leaves(self.program, types[i])
                 ]
-            arguments.append(f"&a{i}" if isinstance(types[i], Record) else f"a{i}")
+            arguments.append(f"&a{i}" if isinstance(types[i], RecordType) else f"a{i}")
         for name, t in results:
             body.append(f"{self.program.c_type(t)} {name};")
         if f.outputs:
@@ -138,7 +138,9 @@ class Compiled:
 
     def flat(self, result: Any) -> Iterator[Any]:
         """Yield the numbers of a result of Python."""
-        plain = isinstance(self.translated.result, Record) and self.translated.result.kind is None
+        plain = (
+            isinstance(self.translated.result, RecordType) and self.translated.result.kind is None
+        )
         if plain:
             for item, t in zip(result, self.translated.result.types, strict=True):
                 yield from _flat(item, t)
@@ -158,18 +160,18 @@ def same(a: Sequence[Any], b: Sequence[Any]) -> bool:
 
 def leaves(program: Program, t: Type, path: str = "") -> Iterator[tuple[str, Scalar]]:
     """Yield the numbers in values of a type: their paths in C, and their types."""
-    if isinstance(t, Record):
+    if isinstance(t, RecordType):
         for i, inner in enumerate(t.types):
             if at_run_time(inner):
                 yield from leaves(program, inner, f"{path}.{program.field(t, i)}")
     elif isinstance(t, Scalar):
         yield path, t
-    elif not isinstance(t, Table):
+    elif not isinstance(t, TableType):
         raise TypeError(t)
 
 
 def _flat(value: Any, t: Type) -> Iterator[Any]:
-    if isinstance(t, Record):
+    if isinstance(t, RecordType):
         for item, inner in zip(value, t.types, strict=True):
             if at_run_time(inner):
                 yield from _flat(item, inner)

@@ -7,15 +7,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from .expressions import Expressions
-from .layout import Block, words_in
+from .layout import CodeBlock, words_in
 from .program import RestartError
 from .types import (
     INTEGER,
     NATURAL,
     Array,
-    Record,
+    RecordType,
     Scalar,
-    Table,
+    TableType,
     Type,
     Value,
     at_run_time,
@@ -25,12 +25,12 @@ from .types import (
 
 
 @dataclass
-class Variable:
+class LocalVariable:
     """A local name of Python; ``value``: how it is read."""
 
     type: Type
     value: Value
-    block: Block  # where it got this type
+    block: CodeBlock  # where it got this type
 
 
 class Assignment(Expressions):
@@ -81,7 +81,7 @@ class Assignment(Expressions):
             case ast.Name(id=name):
                 self._assign_name(target, name, value)
             case ast.Tuple() | ast.List():
-                items = self.fields(value) if isinstance(value.type, Record | Table) else []
+                items = self.fields(value) if isinstance(value.type, RecordType | TableType) else []
                 star = any(isinstance(t, ast.Starred) for t in target.elts)
                 if star or len(items) != len(target.elts):
                     raise self.refused(
@@ -117,7 +117,7 @@ class Assignment(Expressions):
             variable = None
         if variable is None:
             if not at_run_time(t) or self._stays(name, value):
-                self.variables[name] = Variable(t, replace(value, type=t), self.block)
+                self.variables[name] = LocalVariable(t, replace(value, type=t), self.block)
                 return
             if value.code in self.fresh and self.declared[value.code] == self.program.c_type(t):
                 c = value.code  # what a call has just written is the variable
@@ -125,7 +125,7 @@ class Assignment(Expressions):
             else:
                 c = self.local(name)
                 self.declared[c] = self.program.c_type(t)
-            self.variables[name] = variable = Variable(t, Value(t, c, place=True), self.block)
+            self.variables[name] = variable = LocalVariable(t, Value(t, c, place=True), self.block)
             if self.stores[name] == 1 and not self.loops:
                 self.fixed.add(c)
         if (both := joined(variable.type, t)) is None:

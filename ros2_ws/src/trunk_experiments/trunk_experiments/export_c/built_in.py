@@ -17,9 +17,9 @@ from .types import (
     NUMBERS,
     REAL,
     Array,
-    Record,
+    RecordType,
     Static,
-    Table,
+    TableType,
     Type,
     UntranslatableError,
     Value,
@@ -64,7 +64,7 @@ class BuiltIns:
         match callee, types:
             case builtins.len, [Array(dimensions=d)]:
                 return Value(NATURAL, f"{values[0].code}.{'rows' if d == 2 else 'length'}")
-            case builtins.len, [Record(kind=None) | Table()]:
+            case builtins.len, [RecordType(kind=None) | TableType()]:
                 return self.program.known(len(self.fields(values[0])))
             case ((builtins.min | builtins.max), [_, _, *_]):
                 return self._extreme(node, callee is min, values)

@@ -10,16 +10,16 @@ from types import FunctionType
 from typing import Any
 
 from .built_in import BuiltIns
-from .layout import Block, Line, words_in
+from .layout import CodeBlock, Line, words_in
 from .program import Definitions, Translated
 from .types import (
     INTEGERS,
     NATURAL,
     REAL,
     Array,
-    Record,
+    RecordType,
     Static,
-    Table,
+    TableType,
     Type,
     UntranslatableError,
     Value,
@@ -38,7 +38,7 @@ class Calls(BuiltIns):
     stores: Counter[str]
     declared: dict[str, str]
     fresh: set[str]
-    block: Block
+    block: CodeBlock
     writes: bool
     returning: bool
     result: Type | None
@@ -65,24 +65,24 @@ class Calls(BuiltIns):
         index = self.expression(node.slice)
         if index.type not in INTEGERS:
             raise self.refused(node, f"an index of {shown(index.type)}", "use an int")
-        length = t.length if isinstance(t, Table) else len(t.types)  # type: ignore[union-attr]
-        if isinstance(t, Table) and length == 0:  # never reached: Python would raise
+        length = t.length if isinstance(t, TableType) else len(t.types)  # type: ignore[union-attr]
+        if isinstance(t, TableType) and length == 0:  # never reached: Python would raise
             return Value(t.element, self.program.literal(0.0 if t.element == REAL else 0))
         if index.is_known:
             if not -length <= index.known < length:
                 raise self.refused(node, f"it has {length} elements", "use an index within them")
             return self.fields(value)[int(index.known)]
-        if isinstance(t, Record) and not t.row:
+        if isinstance(t, RecordType) and not t.row:
             raise self.refused(
                 node, "an index that is not known, of different types", "use a literal index"
             )
         code = self.bare(index.code)
         if index.type != NATURAL:
             code = f"index_in({code}, {length})"
-        if isinstance(t, Table):
+        if isinstance(t, TableType):
             return Value(t.element, f"{value.code}[{code}]", place=True)
         memory = self.in_memory(value, "row")
-        assert isinstance(t, Record)
+        assert isinstance(t, RecordType)
         owner = memory.code
         place = f"{owner[2:-1]}->v" if owner.startswith("(*") else f"{owner}.v"
         return Value(t.types[0], f"{place}[{code}]", place=True)
@@ -144,7 +144,7 @@ class Calls(BuiltIns):
     def _replaced(self, node: ast.Call, owner: ast.expr) -> Value:
         value = self.expression(owner)
         t = value.type
-        if not isinstance(t, Record) or t.kind is None or node.args:
+        if not isinstance(t, RecordType) or t.kind is None or node.args:
             raise self.refused(node, "_replace of what is no named tuple", "make a new tuple")
         parts = dict(zip(t.names, self.fields(value), strict=True))
         for keyword in node.keywords:
@@ -215,7 +215,7 @@ class Calls(BuiltIns):
         return self._with_outputs(f, codes, values, target)
 
     def _argument(self, value: Value) -> str:
-        if not isinstance(value.type, Record):
+        if not isinstance(value.type, RecordType):
             return self.bare(value.code)
         code = self.in_memory(value, _hint(value.type)).code
         return code[2:-1] if code.startswith("(*") else f"&{code}"
@@ -231,7 +231,7 @@ class Calls(BuiltIns):
             outputs = [c for c, _ in self.outputs]
             self.block.body.append(Line(f"{f.name}({', '.join([*codes, *outputs])});"))
             return self._written(f, [f"(*{c})" for c in outputs])
-        plain = isinstance(f.result, Record) and f.result.kind is None
+        plain = isinstance(f.result, RecordType) and f.result.kind is None
         live = [i for i, t in enumerate(f.result.types) if at_run_time(t)] if plain else [0]  # type: ignore[union-attr]
         targets: list[ast.expr | None] = [None] * len(f.outputs)
         if plain and isinstance(target, ast.Tuple):
@@ -268,7 +268,7 @@ class Calls(BuiltIns):
     def _written(self, f: Translated, places: list[str]) -> Value:
         """Return a result that was written to these places."""
         parts = [Value(t, c, place=True) for c, (_, t) in zip(places, f.outputs, strict=True)]
-        assert isinstance(f.result, Record)
+        assert isinstance(f.result, RecordType)
         if f.result.kind is not None:
             return parts[0]
         rest = iter(parts)
@@ -281,7 +281,7 @@ def behind(f: Translated, codes: list[str], output: str, place: str) -> list[str
     return codes[1:] if own else codes
 
 
-def _hint(t: Record) -> str:
+def _hint(t: RecordType) -> str:
     """Return a name for a variable of a record's type."""
     kind = t.kind.__name__ if t.kind is not None else "Tuple"
     return "".join(f"_{c.lower()}" if c.isupper() else c for c in kind).strip("_")

@@ -14,7 +14,7 @@ import numpy as np
 
 from .emit import library
 from .translate import Program
-from .types import REAL, Array, Record, Type, at_run_time, type_of
+from .types import REAL, Array, RecordType, Type, at_run_time, type_of
 
 _INLINE = 64  # longer arrays are for the caller to fill
 _NAMES = ("states", "surroundings", "state", "participants", "noise", "history", "schedule", "out")
@@ -54,7 +54,7 @@ def closed_loop(loop: Any, arguments: tuple[Any, ...]) -> ClosedLoop:
             arrays[path] = LoopArray(function, array, array.size <= _INLINE)
         if not at_run_time(t):
             continue
-        if isinstance(t, Record):
+        if isinstance(t, RecordType):
             statics.append(
                 f"static {program.c_type(t)} {name} = {_initial(program, name, value, t)};"
             )
@@ -84,7 +84,7 @@ bool trunk_loop_diverged(void) {{
 def _arrays(path: str, value: Any, t: Type) -> Iterator[tuple[str, Any, Array]]:
     if isinstance(t, Array):
         yield path, value, t
-    elif isinstance(t, Record):
+    elif isinstance(t, RecordType):
         for name, item, inner in zip(t.names, value, t.types, strict=True):
             yield from _arrays(f"{path}_{name}", item, inner)
 
@@ -105,7 +105,7 @@ def _array(path: str, array: Any) -> str:
 def _initial(program: Program, path: str, value: Any, t: Type) -> str:
     if isinstance(t, Array):
         return _array(path, value)
-    if not isinstance(t, Record):
+    if not isinstance(t, RecordType):
         return program.initial(value, t)
     items = [
         _initial(program, f"{path}_{name}", item, inner)

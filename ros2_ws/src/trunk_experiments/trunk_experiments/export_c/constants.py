@@ -14,10 +14,10 @@ from .types import (
     NATURAL,
     NOTHING,
     REAL,
-    Record,
+    RecordType,
     Scalar,
     Static,
-    Table,
+    TableType,
     Type,
     Value,
     at_run_time,
@@ -57,7 +57,7 @@ class Constants:
             self._constants[key] = (c, f"static const double {c} = {definition(float(value))};")
         return self._constants[key][0]
 
-    def table(self, values: Sequence[Any], t: Table, name: str = "table") -> str:
+    def table(self, values: Sequence[Any], t: TableType, name: str = "table") -> str:
         """Return the name of a static table with these numbers; equal ones are one."""
         numbers = tuple(float(v).hex() if t.element == REAL else int(v) for v in values)
         key = (f"{t.element.c}[{len(numbers)}]", numbers)
@@ -75,9 +75,9 @@ class Constants:
         """Return an example as an initialiser of a type's variable."""
         if isinstance(t, Scalar):
             return self.literal(float(value) if t == REAL else value)
-        if isinstance(t, Table):
+        if isinstance(t, TableType):
             return self.table(value, t)
-        if not isinstance(t, Record):
+        if not isinstance(t, RecordType):
             raise TypeError(f"{t} has no initialiser")
         pad = "    " * indent
         rows = []
@@ -85,7 +85,7 @@ class Constants:
             if at_run_time(inner):
                 text = (
                     self.table(item, inner, t.names[i])
-                    if isinstance(inner, Table) and t.kind is not None
+                    if isinstance(inner, TableType) and t.kind is not None
                     else self.initial(item, inner, indent + 1)
                 )
                 note = f" /* {t.names[i]} */" if t.kind is not None else ""
@@ -100,9 +100,9 @@ class Constants:
         t = table_of(value) or type_of(value)
         if isinstance(t, Static) or t == NOTHING:
             return Value(t)
-        if isinstance(t, Table):
+        if isinstance(t, TableType):
             return Value(t, self.table(value, t, name or "table"))
-        if isinstance(t, Record):
+        if isinstance(t, RecordType):
             return Value(t, parts=tuple(self.value(item) for item in value))
         if t == REAL:
             number = float(value)

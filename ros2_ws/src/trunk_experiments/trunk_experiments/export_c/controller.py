@@ -31,7 +31,7 @@ from trunk_msgs_util.units import seconds
 
 from .leaves import Leaf, leaves_of
 from .translate import Program
-from .types import Record, Static, Type, at_run_time, type_of
+from .types import RecordType, Static, Type, at_run_time, type_of
 
 _PUBLIC = ("reset", "update", "activate", "deactivate", "parameters", "retune", "self_test")
 _ANSWERS = 8  # of the self-test
@@ -50,7 +50,7 @@ def law_retuned(state: LawState, law: Law, before: Any, after: Any, limits: Limi
     return state._replace(memory=memory._replace(effort=limited(memory.effort, limits)))
 
 
-class Row(NamedTuple):
+class ExportedStep(NamedTuple):
     """An input of the controller, the answer of CPython or of a recording, and whether it is compared."""
 
     reading: Reading
@@ -81,7 +81,7 @@ class ExportedController:
         self.active = not config.active_times
         memory_class = (type(law.memory),)
         self.constants_type: Type = type_of(config.constants)
-        assert isinstance(self.constants_type, Record)
+        assert isinstance(self.constants_type, RecordType)
         if self.constants_type.kind is None:
             p.titles[self.constants_type] = "Constants"
         self.settings_type = type_of(self.settings, changing=memory_class)
@@ -113,7 +113,7 @@ class ExportedController:
                 Static(law.transfer),
             ],
         )
-        assert isinstance(self.settings_type, Record)
+        assert isinstance(self.settings_type, RecordType)
         initial = self.settings_type.types[1]
         self.activate = p.function(activated, [self.state_type, initial])
         self.deactivate = p.function(deactivated, [self.state_type])
@@ -123,7 +123,7 @@ class ExportedController:
 
     def _translate_law(self) -> None:
         p, law = self.program, self.law
-        assert isinstance(self.state_type, Record)
+        assert isinstance(self.state_type, RecordType)
         memory, sample = self.state_type.types
         constants, limits = self.constants_type, self.limits_type
         self.update = p.function(law.update, [memory, sample, constants, limits])
@@ -132,29 +132,29 @@ class ExportedController:
         )
 
     @property
-    def input_type(self) -> Record:
+    def input_type(self) -> RecordType:
         """The record that an update takes."""
         t = type_of(Sample(0.0, 0.0, 0.0, 0.0)) if self.bare else type_of(Reading(0, 0.0, 0.0))
-        assert isinstance(t, Record)
+        assert isinstance(t, RecordType)
         return t
 
     @property
-    def output_type(self) -> Record:
+    def output_type(self) -> RecordType:
         """The record that an update gives."""
         t = self.update.outputs[-1][1]
-        assert isinstance(t, Record)
+        assert isinstance(t, RecordType)
         return t
 
     @cached_property
-    def public_records(self) -> list[Record]:
+    def public_records(self) -> list[RecordType]:
         """The records of the header, each behind those that it contains."""
-        wanted: set[Record] = set()
+        wanted: set[RecordType] = set()
         for t in (self.state_type, self.constants_type, self.input_type, self.output_type):
             _add(t, wanted)
         return [record for record in self.program.records if record in wanted]
 
     @cached_property
-    def private_records(self) -> list[Record]:
+    def private_records(self) -> list[RecordType]:
         """The records of the source alone."""
         return [record for record in self.program.records if record not in self.public_records]
 
@@ -200,7 +200,7 @@ class ExportedController:
 
     # What CPython answers --------------------------------------------------------------------------------
 
-    def answers(self, count: int = _ANSWERS) -> list[Row]:
+    def answers(self, count: int = _ANSWERS) -> list[ExportedStep]:
         """Return inputs around the upright, and CPython's answers; every update is due."""
         rng = random.Random(self.digest)
         readings = []
@@ -211,7 +211,7 @@ class ExportedController:
             )
         return self.answered(readings)
 
-    def answered(self, readings: list[Reading]) -> list[Row]:
+    def answered(self, readings: list[Reading]) -> list[ExportedStep]:
         """Return CPython's answers to readings, one after the other."""
         rows = []
         if self.bare:
@@ -220,12 +220,12 @@ class ExportedController:
                 memory, terms = self.law.update(
                     memory, self.sample(reading), self.config.constants, self.settings.limits
                 )
-                rows.append(Row(reading, terms.effort, True))
+                rows.append(ExportedStep(reading, terms.effort, True))
             return rows
         controller = Controller(self.config, self.law)
         for reading in readings:
             output = controller.decide(reading)
-            rows.append(Row(reading, output.effort, output.active))
+            rows.append(ExportedStep(reading, output.effort, output.active))
         return rows
 
     def sample(self, reading: Reading) -> Sample:
@@ -234,11 +234,11 @@ class ExportedController:
         return Sample(reading.reference, reading.position, reading.velocity, dt, reading.hip)
 
 
-def _add(t: Type, wanted: set[Record]) -> None:
-    if isinstance(t, Record) and at_run_time(t):
+def _add(t: Type, wanted: set[RecordType]) -> None:
+    if isinstance(t, RecordType) and at_run_time(t):
         wanted.add(t)
         for inner in t.types:
             _add(inner, wanted)
 
 
-__all__ = ["ControllerState", "ExportedController", "Output", "Row"]
+__all__ = ["ControllerState", "ExportedController", "ExportedStep", "Output"]

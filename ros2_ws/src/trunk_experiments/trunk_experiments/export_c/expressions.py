@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .layout import Block, words_in
+from .layout import CodeBlock, words_in
 from .operators import Operators
 from .program import Definitions
 from .types import (
@@ -21,9 +21,9 @@ from .types import (
     NOTHING,
     REAL,
     Array,
-    Record,
+    RecordType,
     Static,
-    Table,
+    TableType,
     Type,
     UntranslatableError,
     Value,
@@ -59,10 +59,10 @@ class Expressions(Operators):
     variables: dict[str, Any]
     free: dict[str, Any]
     stores: Counter[str]
-    block: Block
+    block: CodeBlock
     refused: Callable[[ast.AST, str, str], UntranslatableError]
     emit: Callable[..., None]
-    inside: Callable[..., AbstractContextManager[Block]]
+    inside: Callable[..., AbstractContextManager[CodeBlock]]
     temporary: Callable[[Type, str], str]
     copied: Callable[[Value, str], Value]
 
@@ -102,7 +102,7 @@ class Expressions(Operators):
         root = words_in(code)[:1]
         return bool(root) and root[0] in words_in(value.code)
 
-    def place_of(self, code: str, record: Record, i: int) -> str:
+    def place_of(self, code: str, record: RecordType, i: int) -> str:
         """Return the code of a record's field."""
         name = self.program.field(record, i)
         return f"{code[2:-1]}->{name}" if re.fullmatch(r"\(\*\w+\)", code) else f"{code}.{name}"
@@ -112,9 +112,9 @@ class Expressions(Operators):
         t = value.type
         if value.parts is not None:
             return list(value.parts)
-        if isinstance(t, Table):
+        if isinstance(t, TableType):
             return [Value(t.element, f"{value.code}[{i}]", place=True) for i in range(t.length)]
-        assert isinstance(t, Record)
+        assert isinstance(t, RecordType)
         return [
             Value(inner, self.place_of(value.code, t, i), place=True)
             if at_run_time(inner)
@@ -137,14 +137,14 @@ class Expressions(Operators):
 
     def _kept(self, place: str, value: Value) -> bool:
         """Return True if all parts that read the place are its own fields, which keep their values."""
-        assert isinstance(value.type, Record)
+        assert isinstance(value.type, RecordType)
         return all(
             not self.mentions(part, place) or part.code == self.place_of(place, value.type, i)
             for i, part in enumerate(value.parts or ())
         )
 
     def _fill(self, place: str, value: Value, whole: str = "") -> None:
-        assert isinstance(value.type, Record)
+        assert isinstance(value.type, RecordType)
         for i, part in enumerate(value.parts or ()):
             field = self.place_of(place, value.type, i)
             if not at_run_time(part.type) or part.code == field:
@@ -164,7 +164,9 @@ class Expressions(Operators):
 
     def made(self, kind: type[Any] | None, parts: Sequence[Value]) -> Value:
         """Return a tuple of values."""
-        return Value(Record(kind, tuple(stored(part.type) for part in parts)), parts=tuple(parts))
+        return Value(
+            RecordType(kind, tuple(stored(part.type) for part in parts)), parts=tuple(parts)
+        )
 
     def converted(self, value: Value, to: Type, node: ast.AST) -> Value:
         """Return a number as another type, as arithmetic does it."""
@@ -225,7 +227,7 @@ class Expressions(Operators):
             if isinstance(t.value, ModuleType | type) or not isinstance(value, int | float):
                 return self._outer(node, value, node.attr)
             raise self.refused(node, "a number outside may change", "use a constant of the module")
-        if isinstance(t, Record) and t.kind is not None and node.attr in t.names:
+        if isinstance(t, RecordType) and t.kind is not None and node.attr in t.names:
             return self.fields(owner)[t.names.index(node.attr)]
         if t == NOTHING:
             raise self.refused(node, "None has no attributes", "test with is None before")
@@ -238,7 +240,7 @@ class Expressions(Operators):
                 parts.append(self.expression(element))
                 continue
             value = self.expression(element.value)
-            if not isinstance(value.type, Record | Table):
+            if not isinstance(value.type, RecordType | TableType):
                 raise self.refused(
                     element, f"a star before {shown(value.type)}", "name each element"
                 )
@@ -249,7 +251,7 @@ class Expressions(Operators):
         value = self.expression(node.value)
         t = value.type
         if isinstance(node.slice, ast.Slice):
-            if not isinstance(t, Record | Table):
+            if not isinstance(t, RecordType | TableType):
                 raise self.refused(node, f"a slice of {shown(t)}", "use single elements")
             bounds = (node.slice.lower, node.slice.upper, node.slice.step)
             try:
@@ -259,6 +261,6 @@ class Expressions(Operators):
                     node, "a slice that is not known", "give literal bounds"
                 ) from None
             return self.made(None, self.fields(value)[cut])
-        if not isinstance(t, Record | Table | Array):
+        if not isinstance(t, RecordType | TableType | Array):
             raise self.refused(node, f"an element of {shown(t)}", "use a tuple")
         return self.element(value, node)

@@ -9,7 +9,7 @@ from string import Template
 from typing import Any
 
 from .constants import definition
-from .controller import ExportedController, Row
+from .controller import ExportedController, ExportedStep
 from .replay import MAGIC, packed
 from .source import fill, header, source
 
@@ -17,7 +17,7 @@ _IN_ARDUINO = 200  # rows, so that they fit into its flash
 ROW_BYTES = 80
 
 
-def base_files(e: ExportedController, rows: Sequence[Row]) -> dict[str, bytes]:
+def base_files(e: ExportedController, rows: Sequence[ExportedStep]) -> dict[str, bytes]:
     """Return header, source, replay.c and its states."""
     at = {name: f"bytes + {8 * i}" for i, name in enumerate(_CELLS)}
     cells = {
@@ -57,7 +57,9 @@ def cmake_files(e: ExportedController) -> dict[str, bytes]:
     return {"CMakeLists.txt": _filled("CMakeLists.txt", e)}
 
 
-def arduino_files(e: ExportedController, rows: Sequence[Row], origin: str) -> dict[str, bytes]:
+def arduino_files(
+    e: ExportedController, rows: Sequence[ExportedStep], origin: str
+) -> dict[str, bytes]:
     """Return an Arduino library with a sketch that says whether all commands are equal."""
     rows = rows[:_IN_ARDUINO]
     cells = {name: f"rows[i].{name}" for name in _CELLS}
@@ -74,7 +76,7 @@ def arduino_files(e: ExportedController, rows: Sequence[Row], origin: str) -> di
     }
 
 
-def _rows_header(rows: Sequence[Row]) -> str:
+def _rows_header(rows: Sequence[ExportedStep]) -> str:
     lines = []
     for row in rows:
         r = row.reading

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FunctionType
 
-from .assignment import Variable
+from .assignment import LocalVariable
 from .layout import (
-    Block,
+    CodeBlock,
     Line,
     build_in_output,
     declare,
@@ -23,12 +23,12 @@ from .layout import (
 )
 from .loops import for_loop
 from .program import Definitions, Translated, first_line, qualified
-from .results import Results
+from .results import FunctionResults
 from .types import (
     INTEGER,
     NATURAL,
     NOTHING,
-    Record,
+    RecordType,
     Type,
     UntranslatableError,
     Value,
@@ -51,7 +51,7 @@ _REMEDIES: dict[type[ast.AST], tuple[str, str]] = {
 }
 
 
-class Translator(Results):
+class Translator(FunctionResults):
     """Translates one function; `Program.function` calls `run`, again after each `RestartError`."""
 
     def __init__(
@@ -72,10 +72,10 @@ class Translator(Results):
         }
         cells = [cell.cell_contents for cell in python.__closure__ or ()]
         self.free = dict(zip(python.__code__.co_freevars, cells, strict=True))
-        self.variables: dict[str, Variable] = {}
+        self.variables: dict[str, LocalVariable] = {}
         self.declared: dict[str, str] = {}  # C types of local variables
         self.fixed: set[str] = set()  # C names whose values never change
-        self.root = self.block = Block()
+        self.root = self.block = CodeBlock()
         self.fresh: set[str] = set()  # variables that nobody has named yet
         self.returning = False  # the call that follows is all that is returned
         self.loops = 0
@@ -127,18 +127,18 @@ class Translator(Results):
         if name in self.wider and t == NATURAL:
             t = INTEGER
         if not at_run_time(t):
-            self.variables[name] = Variable(t, Value(t), self.root)
+            self.variables[name] = LocalVariable(t, Value(t), self.root)
             return
         c = self.local(name)
         self.arguments.append((c, t))
-        code = f"(*{c})" if isinstance(t, Record) else c
-        self.variables[name] = Variable(t, Value(t, code, place=True), self.root)
+        code = f"(*{c})" if isinstance(t, RecordType) else c
+        self.variables[name] = LocalVariable(t, Value(t, code, place=True), self.root)
         if not self.stores[name]:
             self.fixed.add(c)
-        elif isinstance(t, Record):  # the argument itself stays as it is
+        elif isinstance(t, RecordType):  # the argument itself stays as it is
             own = self.temporary(t, name)
             self.emit(f"{own} = {code};", own)
-            self.variables[name] = Variable(t, Value(t, own, place=True), self.root)
+            self.variables[name] = LocalVariable(t, Value(t, own, place=True), self.root)
 
     def local(self, name: str) -> str:
         """Return a C name for a local variable, its own in this function."""
@@ -183,7 +183,7 @@ class Translator(Results):
         items = []
         for c, t in f.arguments:
             kind = self.program.c_type(t)
-            if isinstance(t, Record):
+            if isinstance(t, RecordType):
                 items.append(f"const {kind} *{c}")
             else:
                 items.append(f"{kind}{c}" if kind.endswith("*") else f"{kind} {c}")
@@ -201,7 +201,7 @@ class Translator(Results):
         self.block.body.append(Line(text, "" if read else target, plain and not read))
 
     @contextmanager
-    def inside(self, block: Block, loop: bool = False) -> Iterator[Block]:
+    def inside(self, block: CodeBlock, loop: bool = False) -> Iterator[CodeBlock]:
         """Append what follows to a block, which is not part of the function yet."""
         before, self.block = self.block, block
         self.loops += loop
@@ -274,19 +274,19 @@ class Translator(Results):
         test = self.truth(node.test)
         if test.is_known:
             return self.statements(node.body if test.known else node.orelse)
-        then = Block(f"if ({self.bare(test.code)}) {{")
+        then = CodeBlock(f"if ({self.bare(test.code)}) {{")
         self.block.body.append(then)
         with self.inside(then):
             leaves = self.statements(node.body)
         if not node.orelse:
             return False
-        other = Block("else {")
+        other = CodeBlock("else {")
         with self.inside(other):
             leaves = self.statements(node.orelse) and leaves
-        chain = [n.head for n in other.body if isinstance(n, Block)]
+        chain = [n.head for n in other.body if isinstance(n, CodeBlock)]
         if len(chain) == len(other.body) > 0 and chain[0].startswith("if (") and _one_if(chain):
             first = other.body[0]
-            assert isinstance(first, Block)
+            assert isinstance(first, CodeBlock)
             first.head = f"else {first.head}"
             self.block.body += other.body
         elif other.body:
@@ -296,7 +296,7 @@ class Translator(Results):
     def _while(self, node: ast.While) -> None:
         if node.orelse:
             raise self.refused(node.test, "a loop has an else", "set a bool in the loop")
-        loop = Block(loop=True)
+        loop = CodeBlock(loop=True)
         with self.inside(loop, loop=True):
             test = self.truth(node.test)
             if test.is_known and not test.known:
@@ -304,7 +304,7 @@ class Translator(Results):
             loop.head = "while (true) {" if test.is_known else f"while ({self.bare(test.code)}) {{"
             if loop.body:  # the test needs statements of its own
                 loop.head = "for (;;) {"
-                self.block.body.append(Block(f"if (!{test.code}) {{", [Line("break;")]))
+                self.block.body.append(CodeBlock(f"if (!{test.code}) {{", [Line("break;")]))
             self.statements(node.body)
         self.block.body.append(loop)
 

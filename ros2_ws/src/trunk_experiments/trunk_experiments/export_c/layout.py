@@ -32,11 +32,11 @@ class Line:
 
 
 @dataclass
-class Block:
+class CodeBlock:
     """Statements between ``head`` and a closing brace, or a function's body; ``loop``: they may repeat."""
 
     head: str = ""
-    body: list[Line | Block] = field(default_factory=list)
+    body: list[Line | CodeBlock] = field(default_factory=list)
     loop: bool = False
 
     def words(self) -> set[str]:
@@ -50,7 +50,7 @@ class Block:
         """Return the identifiers in the heads of all blocks."""
         words = set(_WORD.findall(self.head))
         for node in self.body:
-            if isinstance(node, Block):
+            if isinstance(node, CodeBlock):
                 words |= node.words_of_heads()
         return words
 
@@ -63,7 +63,7 @@ class Block:
                 yield from node.lines()
 
 
-def without_unread(block: Block, variables: Mapping[str, str]) -> None:
+def without_unread(block: CodeBlock, variables: Mapping[str, str]) -> None:
     """Drop assignments to variables that nobody reads, and then those that only served them."""
     while True:
         mentions: dict[str, int] = {}
@@ -82,7 +82,7 @@ def without_unread(block: Block, variables: Mapping[str, str]) -> None:
         _drop(block, unread)
 
 
-def _mentions(block: Block) -> Iterator[set[str]]:
+def _mentions(block: CodeBlock) -> Iterator[set[str]]:
     yield set(_WORD.findall(block.head))
     for node in block.body:
         if isinstance(node, Line):
@@ -91,16 +91,16 @@ def _mentions(block: Block) -> Iterator[set[str]]:
             yield from _mentions(node)
 
 
-def _drop(block: Block, names: set[str]) -> None:
+def _drop(block: CodeBlock, names: set[str]) -> None:
     block.body = [
-        n for n in block.body if isinstance(n, Block) or not (n.plain and n.target in names)
+        n for n in block.body if isinstance(n, CodeBlock) or not (n.plain and n.target in names)
     ]
     for node in block.body:
-        if isinstance(node, Block):
+        if isinstance(node, CodeBlock):
             _drop(node, names)
 
 
-def build_in_output(root: Block, output: str, variables: Mapping[str, str]) -> None:
+def build_in_output(root: CodeBlock, output: str, variables: Mapping[str, str]) -> None:
     """Let the record that every return copies to an output be that output: one copy less on the stack."""
     writes = [line for line in root.lines() if output in line.words()]
     match = re.fullmatch(rf"\*{output} = (\w+);", writes[0].text) if writes else None
@@ -113,14 +113,14 @@ def build_in_output(root: Block, output: str, variables: Mapping[str, str]) -> N
     _replace(root, name, output)
 
 
-def _drop_lines(block: Block, text: str) -> None:
-    block.body = [n for n in block.body if isinstance(n, Block) or n.text != text]
+def _drop_lines(block: CodeBlock, text: str) -> None:
+    block.body = [n for n in block.body if isinstance(n, CodeBlock) or n.text != text]
     for node in block.body:
-        if isinstance(node, Block):
+        if isinstance(node, CodeBlock):
             _drop_lines(node, text)
 
 
-def _replace(block: Block, name: str, output: str) -> None:
+def _replace(block: CodeBlock, name: str, output: str) -> None:
     """Write ``*output`` for a record's name."""
 
     def text(code: str) -> str:
@@ -131,14 +131,14 @@ def _replace(block: Block, name: str, output: str) -> None:
 
     block.head = text(block.head)
     for node in block.body:
-        if isinstance(node, Block):
+        if isinstance(node, CodeBlock):
             _replace(node, name, output)
         else:
             node.text = text(node.text)
             node.target = "" if node.target == name else node.target
 
 
-def may_write_in_place(root: Block, given: str, result: str, callees: set[str]) -> bool:
+def may_write_in_place(root: CodeBlock, given: str, result: str, callees: set[str]) -> bool:
     """Return True if nothing of an argument is read after an output is begun: they may be the same record.
 
     An output is written behind all else, just before a return, or is a copy of the argument from the start;
@@ -172,19 +172,19 @@ def _passes_on(text: str, given: str, result: str, callees: set[str]) -> bool:
     return not re.search(rf"&{given}\b|(?<![\w.>]){given}(?!->)\b", match[2] + match[3])
 
 
-def declare(block: Block, variables: Mapping[str, str]) -> None:
+def declare(block: CodeBlock, variables: Mapping[str, str]) -> None:
     """Declare variables, ``{name: C type}``, each in the smallest block that may contain it."""
     for name, kind in variables.items():
         if name in block.words():
             _declare(block, name, kind)
 
 
-def _declare(block: Block, name: str, kind: str) -> None:
+def _declare(block: CodeBlock, name: str, kind: str) -> None:
     inside = [i for i, node in enumerate(block.body) if name in node.words()]
     if len(inside) == 1:
         node = block.body[inside[0]]
-        headless = isinstance(node, Block) and name not in set(_WORD.findall(node.head))
-        if isinstance(node, Block) and headless and (not node.loop or _set_first(node, name)):
+        headless = isinstance(node, CodeBlock) and name not in set(_WORD.findall(node.head))
+        if isinstance(node, CodeBlock) and headless and (not node.loop or _set_first(node, name)):
             _declare(node, name, kind)
             return
     first = block.body[inside[0]]
@@ -192,12 +192,12 @@ def _declare(block: Block, name: str, kind: str) -> None:
         block.body[inside[0]] = Line(f"{kind} {first.text}")
         return
     place = inside[0]
-    while isinstance(node := block.body[place], Block) and node.head.startswith("else"):
+    while isinstance(node := block.body[place], CodeBlock) and node.head.startswith("else"):
         place -= 1
     block.body.insert(place, Line(f"{kind} {name};"))
 
 
-def _set_first(block: Block, name: str) -> bool:
+def _set_first(block: CodeBlock, name: str) -> bool:
     """Return True if the first statement with a variable sets it: no value comes from the round before."""
     for node in block.body:
         if name in node.words():
@@ -205,7 +205,7 @@ def _set_first(block: Block, name: str) -> bool:
     return False
 
 
-def text_of(block: Block, indent: int = 1) -> list[str]:
+def text_of(block: CodeBlock, indent: int = 1) -> list[str]:
     """Return the lines of a block's statements."""
     lines: list[str] = []
     pad = "    " * indent

@@ -16,7 +16,7 @@ from trunk_msgs_util.parameters.declarations import (
 )
 
 from .program import Definitions
-from .types import REAL, Record, Type
+from .types import REAL, RecordType, Type
 
 _FACTORS = (1.0009765625, 0.9990234375, 1.0732421875, 0.8798828125)
 
@@ -31,7 +31,7 @@ class Leaf(NamedTuple):
 
 def places_of(program: Definitions, t: Type, place: str = "") -> Iterator[str]:
     """Yield the places of the doubles of a type, without those in tables."""
-    if isinstance(t, Record):
+    if isinstance(t, RecordType):
         for i, inner in enumerate(t.types):
             yield from places_of(program, inner, f"{place}.{program.field(t, i)}")
     elif t == REAL:
@@ -78,7 +78,7 @@ def _place_of(
 
 def _numbers(value: Any, t: Type) -> Iterator[Any]:
     """Yield the bits of the doubles of a value; everything else as it is."""
-    if isinstance(t, Record):
+    if isinstance(t, RecordType):
         for item, inner in zip(value, t.types, strict=True):
             yield from _numbers(item, inner)
     elif t == REAL:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import ast
 
-from .assignment import Assignment, Variable
-from .layout import Block
+from .assignment import Assignment, LocalVariable
+from .layout import CodeBlock
 from .types import (
     INTEGER,
     INTEGERS,
     NATURAL,
     Array,
-    Record,
+    RecordType,
     Scalar,
     Static,
-    Table,
+    TableType,
     Value,
     shown,
 )
@@ -40,12 +40,12 @@ def for_loop(f: Assignment, node: ast.For) -> bool:
             1,
             Value(t.element, f"{values.code}.data[{i}]", place=True),
         )
-    elif isinstance(t, Table):
+    elif isinstance(t, TableType):
         i = f.temporary(INTEGER, "i")
         _repeat(
             f, node, i, "0", str(t.length), 1, Value(t.element, f"{values.code}[{i}]", place=True)
         )
-    elif isinstance(t, Record) and t.kind is None:
+    elif isinstance(t, RecordType) and t.kind is None:
         return _unrolled(f, node, f.fields(values))
     else:
         raise f.refused(node.iter, f"a loop over {shown(t)}", "loop over a range, or over a tuple")
@@ -80,7 +80,7 @@ def _repeat(
     change = f"{i}++" if step == 1 else f"{i}--" if step == -1 else f"{i} += {step}"
     sign = "<" if step > 0 else ">"
     del f.declared[i]
-    loop = Block(f"for (int64_t {i} = {first}; {i} {sign} {end}; {change}) {{", loop=True)
+    loop = CodeBlock(f"for (int64_t {i} = {first}; {i} {sign} {end}; {change}) {{", loop=True)
     with f.inside(loop, loop=True):
         if _counter_alone(f, node) and item.code == i and isinstance(node.target, ast.Name):
             _named(f, node.target.id, item)
@@ -101,13 +101,13 @@ def _counter_alone(f: Assignment, node: ast.For) -> bool:
 
 
 def _named(f: Assignment, name: str, value: Value) -> None:
-    f.variables[name] = Variable(value.type, value, f.block)
+    f.variables[name] = LocalVariable(value.type, value, f.block)
 
 
 def _unrolled(f: Assignment, node: ast.For, items: list[Value]) -> bool:
     """Translate a loop over a tuple: in a loop over its numbers, or element by element."""
     if items and all(isinstance(item.type, Scalar) and item.is_known for item in items):
-        table = Table(INTEGER, len(items))
+        table = TableType(INTEGER, len(items))
         c = f.program.table([item.known for item in items], table, "items")
         i = f.temporary(INTEGER, "i")
         natural = all(item.known >= 0 for item in items)

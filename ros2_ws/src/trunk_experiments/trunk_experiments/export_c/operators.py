@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 from .calls import Calls
-from .layout import Block
+from .layout import CodeBlock
 from .types import (
     BOOLEAN,
     INTEGER,
@@ -19,10 +19,10 @@ from .types import (
     NUMBERS,
     REAL,
     Array,
-    Record,
+    RecordType,
     Scalar,
     Static,
-    Table,
+    TableType,
     Value,
     joined,
     shown,
@@ -54,7 +54,7 @@ _WIDEST = 2**63
 class Operators(Calls):
     """What `function.Translator` knows of operators."""
 
-    inside: Callable[..., AbstractContextManager[Block]]
+    inside: Callable[..., AbstractContextManager[CodeBlock]]
     store: Callable[[str, Value], None]
     tight: Callable[[str], str]
 
@@ -74,8 +74,8 @@ class Operators(Calls):
             return Value(BOOLEAN, f"({value.code} != 0)")
         if t == REAL:
             return Value(BOOLEAN, f"({value.code} != 0.0)")
-        if isinstance(t, Table) or (isinstance(t, Record) and t.kind is None):
-            return self.program.known(bool(t.length if isinstance(t, Table) else t.types))
+        if isinstance(t, TableType) or (isinstance(t, RecordType) and t.kind is None):
+            return self.program.known(bool(t.length if isinstance(t, TableType) else t.types))
         raise self.refused(
             node, f"{shown(t)} as a condition", "compare with is None, or len() with 0"
         )
@@ -85,7 +85,7 @@ class Operators(Calls):
         sign = " && " if conjunction else " || "
         terms: list[str] = []
         for operand in node.values:
-            branch = Block()
+            branch = CodeBlock()
             with self.inside(branch):
                 value = self.expression(operand)
             if value.type == NOTHING:
@@ -104,7 +104,7 @@ class Operators(Calls):
                 c = self.temporary(BOOLEAN, "both" if conjunction else "either")
                 self.emit(f"{c} = {sign.join(terms)};", c)
                 self.block.body.append(
-                    Block(f"if ({c if conjunction else f'!{c}'}) {{", branch.body)
+                    CodeBlock(f"if ({c if conjunction else f'!{c}'}) {{", branch.body)
                 )
                 with self.inside(branch):
                     self.emit(f"{c} = {self.bare(value.code)};")
@@ -140,7 +140,7 @@ class Operators(Calls):
         if a.is_known and b.is_known:
             return self.program.known(bool(compute(a.known, b.known)))
         equality = isinstance(op, ast.Eq | ast.NotEq)
-        if isinstance(a.type, Record) and equality:
+        if isinstance(a.type, RecordType) and equality:
             if a.type != b.type:
                 raise self.refused(
                     node, f"{shown(a.type)} compared with {shown(b.type)}", "compare the elements"
@@ -175,12 +175,12 @@ class Operators(Calls):
             return self.expression(node.body if test.known else node.orelse)
         branches = []
         for arm in (node.body, node.orelse):
-            block = Block()
+            block = CodeBlock()
             with self.inside(block):
                 branches.append((block, self.expression(arm)))
         (then, a), (other, b) = branches
         t = joined(a.type, b.type)
-        if t is None or isinstance(t, Static | Array | Table):
+        if t is None or isinstance(t, Static | Array | TableType):
             problem = f"it is {shown(a.type)} or {shown(b.type)}"
             raise self.refused(node, problem, "give both the same type: 0.0 for 0")
         if t == NOTHING:

@@ -15,9 +15,9 @@ from .types import (
     INTEGER,
     NOTHING,
     Array,
-    Record,
+    RecordType,
     Scalar,
-    Table,
+    TableType,
     Type,
     at_run_time,
 )
@@ -68,8 +68,8 @@ class Definitions(Constants):
         self.functions: dict[tuple[Any, ...], Translated] = {}
         self.ordered: list[Translated] = []
         self.busy: list[tuple[Any, ...]] = []
-        self.titles: dict[Record, str] = {}  # names of plain tuples
-        self.records: dict[Record, str] = {}  # in the order of their definitions
+        self.titles: dict[RecordType, str] = {}  # names of plain tuples
+        self.records: dict[RecordType, str] = {}  # in the order of their definitions
         self._constants: dict[tuple[str, Any], tuple[str, str]] = {}  # name, definition
 
     # Names ---------------------------------------------------------------------------------------------
@@ -93,7 +93,7 @@ class Definitions(Constants):
         return plain
 
     @staticmethod
-    def field(record: Record, i: int) -> str:
+    def field(record: RecordType, i: int) -> str:
         """Return the C name of a record's field, as it follows the dot."""
         if record.row:
             return f"v[{i}]"
@@ -106,15 +106,15 @@ class Definitions(Constants):
         """Return a type's name in C. Raises TypeError for one without values at run time."""
         if isinstance(t, Scalar) and t.c:
             return t.c
-        if isinstance(t, Record) and at_run_time(t):
+        if isinstance(t, RecordType) and at_run_time(t):
             return self._record(t)
-        if isinstance(t, Table):
+        if isinstance(t, TableType):
             return f"const {t.element.c} *"
         if isinstance(t, Array):
             return self._array(t)
         raise TypeError(f"{t} has no values at run time")
 
-    def _record(self, record: Record) -> str:
+    def _record(self, record: RecordType) -> str:
         if record not in self.records:
             for inner in record.types:
                 if at_run_time(inner):
@@ -130,7 +130,7 @@ class Definitions(Constants):
             (t.dimensions - 1) + 2 * (t.element == INTEGER)
         ]
 
-    def structure(self, record: Record) -> str:
+    def structure(self, record: RecordType) -> str:
         """Return the definition of a record's type."""
         comments = _comments(record.kind)
         fields = []

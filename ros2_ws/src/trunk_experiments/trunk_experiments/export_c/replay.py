@@ -14,13 +14,13 @@ from trunk_msgs_util.units import NANOSECONDS, seconds
 
 from ..errors import PlanError
 from ..recorded.run import RecordedRun
-from .controller import ExportedController, Row
+from .controller import ExportedController, ExportedStep
 
 MAGIC = 0x54524E4B43303031  # in the byte order of the target
 SWINGING = 2000  # states, where there is no recording
 
 
-def recorded_rows(run: RecordedRun, e: ExportedController) -> list[Row]:
+def recorded_rows(run: RecordedRun, e: ExportedController) -> list[ExportedStep]:
     """Return the states that a controller of a recording got, and its commands.
 
     Raises PlanError for a run whose commands do not follow from its states and these parameters alone.
@@ -68,7 +68,7 @@ def recorded_rows(run: RecordedRun, e: ExportedController) -> list[Row]:
             reference is not None,
             reference or 0.0,
         )
-        rows.append(Row(reading, float(given[row]) if answered else 0.0, answered))
+        rows.append(ExportedStep(reading, float(given[row]) if answered else 0.0, answered))
     return rows
 
 
@@ -83,12 +83,12 @@ def _check_parameters(run: RecordedRun, e: ExportedController) -> None:
             )
 
 
-def swinging_rows(e: ExportedController, count: int = SWINGING) -> list[Row]:
+def swinging_rows(e: ExportedController, count: int = SWINGING) -> list[ExportedStep]:
     """Return CPython's answers to so many states, where there is no recording."""
     return e.answers(count)
 
 
-def packed(rows: Sequence[Row]) -> bytes:
+def packed(rows: Sequence[ExportedStep]) -> bytes:
     """Return rows as replay.c reads them: 64 bits a number, little-endian."""
     chunks = [pack("<qq", MAGIC, len(rows))]
     for row in rows:
@@ -111,7 +111,7 @@ def packed(rows: Sequence[Row]) -> bytes:
     return b"".join(chunks)
 
 
-def bare_rows(e: ExportedController, rows: Sequence[Row]) -> list[Row]:
+def bare_rows(e: ExportedController, rows: Sequence[ExportedStep]) -> list[ExportedStep]:
     """Return CPython's answers of the bare law to the same states, each a period after the one before."""
     readings = [row.reading for row in rows if _finite(row.reading)]
     return e.answered(readings)

@@ -11,10 +11,10 @@ from .types import (
     INTEGER,
     NATURAL,
     Array,
-    Record,
+    RecordType,
     Scalar,
     Static,
-    Table,
+    TableType,
     Type,
     Value,
     at_run_time,
@@ -23,15 +23,15 @@ from .types import (
 )
 
 
-class Results(Assignment):
+class FunctionResults(Assignment):
     """What `function.Translator` knows of results."""
 
     arguments: list[tuple[str, Type]]
 
     def _return(self, node: ast.AST, value: Value) -> bool:
         t = value.type
-        if isinstance(t, Record) and t.kind is None and value.parts is not None:
-            t = Record(None, tuple(part.type for part in value.parts))
+        if isinstance(t, RecordType) and t.kind is None and value.parts is not None:
+            t = RecordType(None, tuple(part.type for part in value.parts))
         if isinstance(t, Static):
             raise self.refused(
                 node, "it returns a function or a class", "return numbers and named tuples"
@@ -54,29 +54,36 @@ class Results(Assignment):
         return True
 
     def _joined_result(self, a: Type, b: Type) -> Type | None:
-        if isinstance(a, Record) and isinstance(b, Record) and a.kind is None and b.kind is None:
+        if (
+            isinstance(a, RecordType)
+            and isinstance(b, RecordType)
+            and a.kind is None
+            and b.kind is None
+        ):
             types = [joined(x, y) for x, y in zip(a.types, b.types, strict=False)]
             if len(a.types) != len(b.types) or None in types:
                 return None
-            return Record(None, tuple(types))  # type: ignore[arg-type]
+            return RecordType(None, tuple(types))  # type: ignore[arg-type]
         return joined(a, b)
 
     def begin_result(self, t: Type) -> None:
         """Settle the type of the function's result."""
         self.result = INTEGER if t == NATURAL and "return" in self.wider else t
-        if not isinstance(t, Record) or not at_run_time(t):
+        if not isinstance(t, RecordType) or not at_run_time(t):
             return
         plain = t.kind is None
         if plain and "return" in self.wider:
-            self.result = t = Record(None, tuple(INTEGER if x == NATURAL else x for x in t.types))
+            self.result = t = RecordType(
+                None, tuple(INTEGER if x == NATURAL else x for x in t.types)
+            )
         for i, inner in enumerate(t.types) if plain else [(0, t)]:
-            if isinstance(inner, Table | Array):
+            if isinstance(inner, TableType | Array):
                 raise self.refused(self.tree, "it returns a table", "return its elements")
             if at_run_time(inner):
                 self.outputs.append((self.local(f"result_{i}") if plain else "result", inner))
 
     def _write_outputs(self, value: Value) -> None:
-        assert isinstance(value.type, Record)
+        assert isinstance(value.type, RecordType)
         items = [value] if value.type.kind is not None else self.fields(value)
         live = [item for item in items if at_run_time(item.type)]
         if self.arguments and self.arguments[0][1] == self.outputs[0][1]:
@@ -88,7 +95,7 @@ class Results(Assignment):
     def _read_before(self, value: Value, given: str, place: str) -> Value:
         """Return a record whose numbers are read from an argument before the record is written over it."""
         t = value.type
-        if not isinstance(t, Record) or value.parts is None:
+        if not isinstance(t, RecordType) or value.parts is None:
             return value
         parts = []
         for i, part in enumerate(value.parts):

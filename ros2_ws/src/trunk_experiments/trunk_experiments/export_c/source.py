@@ -9,11 +9,11 @@ from math import inf
 from trunk_msgs_util.provenance import ARITHMETIC
 
 from .constants import definition, real_literal
-from .controller import ExportedController, Row
+from .controller import ExportedController, ExportedStep
 from .emit import ARITHMETIC as PRELUDE
 from .emit import INCLUDES
 from .program import Translated
-from .types import Record, Type
+from .types import RecordType, Type
 
 # What NAME_self_test() returns.
 FAULTS = ("SOUND", "CONTRACTED", "EXTENDED", "ROUNDED", "FLUSHED", "DIFFERENT")
@@ -159,7 +159,7 @@ def _public(e: ExportedController) -> str:
     given = p.c_type(e.input_type)
     answer = p.c_type(e.output_type)
     if e.bare:
-        assert isinstance(e.state_type, Record)
+        assert isinstance(e.state_type, RecordType)
         arguments = ["sample", "&controller->constants", "&SETTINGS"]
         memory = e.state_type.types[0]
         update = _changed(e, e.update, arguments, ", terms", "state.memory", memory)
@@ -293,7 +293,7 @@ int {n}_self_test(void) {{
 }}"""
 
 
-def _cells(e: ExportedController, row: Row) -> list[float]:
+def _cells(e: ExportedController, row: ExportedStep) -> list[float]:
     r = row.reading
     return [
         r.position,

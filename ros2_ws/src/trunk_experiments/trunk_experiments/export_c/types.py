@@ -39,7 +39,7 @@ NUMBERS = (REAL, INTEGER, NATURAL)
 
 
 @dataclass(frozen=True)
-class Record:
+class RecordType:
     """A named tuple, or a plain one: ``kind`` is its class, None for a plain tuple."""
 
     kind: type[Any] | None
@@ -60,7 +60,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Table:
+class TableType:
     """Constant numbers: a tuple of known length that does not change."""
 
     element: Scalar
@@ -88,7 +88,7 @@ class Static:
         return id(self.value)
 
 
-Type = Scalar | Record | Table | Array | Static
+Type = Scalar | RecordType | TableType | Array | Static
 UNKNOWN = object()
 
 
@@ -118,7 +118,7 @@ def _alike(types: Iterable[Type]) -> bool:
 
 def at_run_time(t: Type) -> bool:
     """Return True if values of a type take part at run time."""
-    if isinstance(t, Record):
+    if isinstance(t, RecordType):
         return any(map(at_run_time, t.types))
     return not isinstance(t, Static) and t != NOTHING
 
@@ -163,31 +163,31 @@ def type_of(value: Any, tables: bool = True, changing: tuple[type[Any], ...] = (
             types.append(table_of(item, note) or type_of(item, tables, changing))
         else:
             types.append(type_of(item, tables, changing))
-    return Record(kind, tuple(types))
+    return RecordType(kind, tuple(types))
 
 
-def table_of(value: Any, declared: str = "") -> Table | None:
+def table_of(value: Any, declared: str = "") -> TableType | None:
     """Return the type of a tuple as a constant table; None for one that is short, or no tuple of numbers."""
     if not isinstance(value, tuple) or hasattr(value, "_fields"):
         return None
     types = [type_of(item) for item in value]
     if not types:
         sequence = "Sequence" in declared or "tuple[" in declared
-        return Table(INTEGER if "int" in declared else REAL, 0) if sequence else None
+        return TableType(INTEGER if "int" in declared else REAL, 0) if sequence else None
     if not _alike(types) or not (len(types) > LONGEST_TUPLE or "Sequence" in declared):
         return None
-    return Table(types[0], len(types))  # type: ignore[arg-type]
+    return TableType(types[0], len(types))  # type: ignore[arg-type]
 
 
 def shown(t: Type) -> str:
     """Return a type as a reader of Python knows it."""
     if isinstance(t, Scalar):
         return t.name
-    if isinstance(t, Record):
+    if isinstance(t, RecordType):
         if t.kind is not None:
             return t.kind.__name__
         return f"tuple of {', '.join(map(shown, t.types))}" if t.types else "empty tuple"
-    if isinstance(t, Table):
+    if isinstance(t, TableType):
         return f"tuple of {t.length} {t.element.name}"
     if isinstance(t, Array):
         return f"array of {t.element.name}"
