@@ -160,6 +160,8 @@ def test_the_sketch_says_equal(command_says, tmp_path, monkeypatch):
         ("export-c pid -o c --like a.mcap --set pid.gains.p=61", "gains.p = 60.0, not 61.0"),
         ("export-c pid -o c --params missing.yaml", "missing.yaml"),
         ("export-c pid -o c --set pid.gains.q=1", "gains.q"),
+        ("export-c pid -o c --set lqr.rate=200", "nothing in it is for pid: it is for lqr"),
+        ("export-c pid -o c --params fuzzy_log", "give parameters of pid"),
         ("export-c pid -o c --law --ros2-control", "leave out --law"),
     ],
 )

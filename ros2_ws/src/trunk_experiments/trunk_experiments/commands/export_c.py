@@ -19,7 +19,9 @@ from ..console.options import names_or_files, parameter_files
 from ..console.outputs import check_not_read
 from ..console.plan_options import ControllerName
 from ..console.reading import open_run
+from ..console.terminal import show_warnings
 from ..errors import PlanError
+from ..plans.doubtful import suspicious_units
 from ..plans.files import find_file, parse_setting
 from ..plans.layers import config_from
 from ..plans.nodes import declared_names
@@ -141,13 +143,22 @@ def _config(
     name: str, params: Sequence[str], settings: Sequence[str], run: RecordedRun | None
 ) -> ControllerConfig:
     """Return the controller's configuration: the recording's, then files, then single values."""
-    layers = []
+    given = [read(find_file(file)) for file in params]
+    given += [parse_setting(setting) for setting in settings]
+    check_names(given, declared_names())
+    for layer in given:  # a robot must not get defaults by mistake
+        if not any(section.matches(f"/{name}") for section in layer.sections):
+            nodes = ", ".join(dict.fromkeys(section.pattern for section in layer.sections))
+            raise PlanError(
+                f"{layer.source}: nothing in it is for {name}: it is for {nodes or 'no node'}; "
+                f"give parameters of {name}"
+            )
     if run is not None and name in run.parameters:
-        layers.append(Layer(str(run.path), (Section(name, dict(values_of(run.config(name)))),)))
-    layers += [read(find_file(file)) for file in params]
-    layers += [parse_setting(setting) for setting in settings]
-    check_names(layers, declared_names())
-    config: ControllerConfig = config_from(name, layers, "").config
+        recorded = Section(name, dict(values_of(run.config(name))))
+        given.insert(0, Layer(str(run.path), (recorded,)))
+    resolved = config_from(name, given, "")
+    show_warnings(suspicious_units({name: resolved.config}, {name: resolved.with_units}))
+    config: ControllerConfig = resolved.config
     return config
 
 
