@@ -152,7 +152,7 @@ def test_the_sketch_says_equal(command_says, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        ("export-c fuzy -o c", "did you mean 'fuzzy_pid'"),
+        ("export-c fuzy -o c", "did you mean 'fuzzy'"),
         ("export-c pid", "--output"),
         ("export-c pid -o a.mcap", "it is not a folder"),
         ("export-c pid -o c --like missing.mcap", "missing.mcap"),
@@ -160,7 +160,7 @@ def test_the_sketch_says_equal(command_says, tmp_path, monkeypatch):
         ("export-c pid -o c --like a.mcap --set pid.gains.p=61", "gains.p = 60.0, not 61.0"),
         ("export-c pid -o c --params missing.yaml", "missing.yaml"),
         ("export-c pid -o c --set pid.gains.q=1", "gains.q"),
-        ("export-c pid -o c --set lqr.rate=200", "nothing in it is for pid: it is for lqr"),
+        ("export-c pid -o c --set lqr.u_clamp_max=3", "nothing in it is for pid: it is for lqr"),
         ("export-c pid -o c --params fuzzy_log", "give parameters of pid"),
         ("export-c pid -o c --law --ros2-control", "leave out --law"),
     ],
