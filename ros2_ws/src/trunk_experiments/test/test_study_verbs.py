@@ -16,9 +16,8 @@ from trunk_experiments.replay.verify import verify
 from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.report import make_report, render
 from trunk_experiments.study.results import METRICS, Results
-from trunk_experiments.study.summary import distributions, falls
+from trunk_experiments.study.summary import distributions, falls, worst_runs
 from trunk_experiments.study.sweep import SweepJob, processes
-from trunk_experiments.study.worst import worst_runs
 
 STUDY = """
 scenario: fig6

@@ -198,7 +198,12 @@ def _help(context: click.Context, words: tuple[str, ...], everything: bool) -> N
 @click.group(
     cls=_Trunk,
     package=f"{__package__}.commands",
-    modules={"sweep": "study.sweep", "import": "import_rules", "export-c": "export_c"},
+    modules={
+        "sweep": "study.sweep",
+        "export": "exchange.export",
+        "import": "exchange.import_rules",
+        "export-c": "exchange.export_c",
+    },
     overview=OVERVIEW,
     options_metavar="[--version]",
     subcommand_metavar="VERB [ARGS]...",

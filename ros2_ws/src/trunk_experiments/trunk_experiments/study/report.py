@@ -30,6 +30,7 @@ from .results import METRICS, Results
 from .summary import (
     Falls,
     MetricDistribution,
+    Worst,
     bins_of,
     counts_in,
     distributions,
@@ -37,8 +38,8 @@ from .summary import (
     falls,
     number_text,
     percent,
+    worst_runs,
 )
-from .worst import Worst, worst_runs
 
 WORST = 10
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"

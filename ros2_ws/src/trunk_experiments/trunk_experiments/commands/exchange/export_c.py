@@ -14,18 +14,18 @@ from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.parameters.files import Layer, Section, check_names, read
 
-from ..console.document import json_option, write_json
-from ..console.options import names_or_files, parameter_files
-from ..console.outputs import check_not_read
-from ..console.plan_options import ControllerName
-from ..console.reading import open_run
-from ..console.terminal import show_warnings
-from ..errors import PlanError
-from ..plans.doubtful import suspicious_units
-from ..plans.files import find_file, parse_setting
-from ..plans.layers import config_from
-from ..plans.nodes import declared_names
-from ..recorded.run import RecordedRun
+from ...console.document import json_option, write_json
+from ...console.options import names_or_files, parameter_files
+from ...console.outputs import check_not_read
+from ...console.plan_options import ControllerName
+from ...console.reading import open_run
+from ...console.terminal import show_warnings
+from ...errors import PlanError
+from ...plans.doubtful import suspicious_units
+from ...plans.files import find_file, parse_setting
+from ...plans.layers import config_from
+from ...plans.nodes import declared_names
+from ...recorded.run import RecordedRun
 
 
 @click.command("export-c")
@@ -84,9 +84,9 @@ def command(
 
     Without --params, --set and --like its parameters are the defaults.
     """
-    from ..export_c.controller import ExportedController
-    from ..export_c.files import arduino_files, base_files, cmake_files, ros2_control_files
-    from ..export_c.replay import bare_rows, recorded_rows, swinging_rows
+    from ...export_c.controller import ExportedController
+    from ...export_c.files import arduino_files, base_files, cmake_files, ros2_control_files
+    from ...export_c.replay import bare_rows, recorded_rows, swinging_rows
 
     if bare and ros2_control:
         raise PlanError(

@@ -10,11 +10,11 @@ import click
 
 from trunk_msgs_util.parameters.files import write
 
-from ..console.document import json_option, write_json
-from ..console.options import FiniteRange
-from ..console.outputs import FORCE, check_output
-from ..console.verbs import Verbs
-from ..errors import PlanError
+from ...console.document import json_option, write_json
+from ...console.options import FiniteRange
+from ...console.outputs import FORCE, check_output
+from ...console.verbs import Verbs
+from ...errors import PlanError
 
 _INPUTS = {"e": "e", "e_dot": "e_dot", "ė": "e_dot"}
 _OUTPUTS = {name: name for name in ("u", "kp", "kd", "alpha")}
@@ -78,18 +78,18 @@ def fuzzy_command(
     """
     check_output(target, (".yaml", ".yml"), force, [file], "-o")
     if picture is not None:
-        from ..views.plot_style import SUFFIXES
+        from ...views.plot_style import SUFFIXES
 
         check_output(
             picture, tuple(SUFFIXES), force, [file, target], "--picture", chooses_format=True
         )
     names = _pairs("--input", inputs, _INPUTS), _pairs("--output", outputs, _OUTPUTS)
-    from ..rulebase.importing import import_rules
+    from ...rulebase.importing import import_rules
 
     imported = import_rules(file, *names, tolerance)
     if picture is not None:
-        from ..rulebase.picture import draw
-        from ..views.plot_style import save
+        from ...rulebase.picture import draw
+        from ...views.plot_style import save
 
         save(draw(imported, f"{file.name}: {imported.text}"), picture)
     write(target, {imported.node: imported.values})

@@ -11,11 +11,11 @@ import click
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.files import read
 
-from ..console.document import json_option, write_json
-from ..console.outputs import FORCE, check_output
-from ..console.plan_options import ControllerName
-from ..console.terminal import show_warnings
-from ..errors import PlanError
+from ...console.document import json_option, write_json
+from ...console.outputs import FORCE, check_output
+from ...console.plan_options import ControllerName
+from ...console.terminal import show_warnings
+from ...errors import PlanError
 
 
 @click.command("fuzzy")
@@ -48,8 +48,8 @@ def command(
     Inputs e in rad and e_dot in rad/s; outputs kp and kd from 0 to 1 and alpha, or u in N m. trunk import
     fuzzy reads the file back into the same parameters.
     """
-    from ..plans.plan import make_plan
-    from ..rulebase.exporting import FORMATS, written
+    from ...plans.plan import make_plan
+    from ...rulebase.exporting import FORMATS, written
 
     check_output(output, tuple(FORMATS), force, params, chooses_format=True)
     name = controller or _named(params)
@@ -74,7 +74,7 @@ def command(
 
 def _named(params: Sequence[str]) -> str:
     """Return the controller with rules whose parameters the last file has."""
-    from ..plans.files import find_file
+    from ...plans.files import find_file
 
     for name in reversed(params):
         sections = {section.last_token for section in read(find_file(name)).sections}

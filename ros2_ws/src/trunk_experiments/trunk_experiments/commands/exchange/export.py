@@ -7,14 +7,14 @@ from pathlib import Path
 
 import click
 
-from ..analysis.run_table import RunTable
-from ..analysis.run_terms import all_columns
-from ..console.document import json_option, write_json
-from ..console.options import Number
-from ..console.outputs import check_output
-from ..console.reading import open_run, run_values, show_damage
-from ..console.verbs import VerbWithVerbs
-from ..views.extract import window, write_csv, write_mcap, write_npz, write_parquet
+from ...analysis.run_table import RunTable
+from ...analysis.run_terms import all_columns
+from ...console.document import json_option, write_json
+from ...console.options import Number
+from ...console.outputs import check_output
+from ...console.reading import open_run, run_values, show_damage
+from ...console.verbs import VerbWithVerbs
+from ...views.extract import window, write_csv, write_mcap, write_npz, write_parquet
 from .export_rules import command as rules_command
 
 _FILE = click.Path(path_type=Path)
@@ -84,7 +84,7 @@ def command(
         if npz:
             write_npz(table, npz)
         if gif or mp4:
-            from ..views.film import write_gif, write_mp4
+            from ...views.film import write_gif, write_mp4
 
             plant = recorded.parameters.get("simulator", {})
             for write, film in ((write_gif, gif), (write_mp4, mp4)):
