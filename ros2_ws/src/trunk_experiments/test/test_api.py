@@ -13,7 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 import trunk_experiments.api as trunk
-from trunk_experiments.commands import export, metrics
+from trunk_experiments.commands import metrics
+from trunk_experiments.commands.exchange import export
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.writer import RecordingWriter
@@ -91,6 +92,9 @@ def test_tuned_gains_are_overrides_of_a_plan():
     assert plan.parameters["pid"]["gains.p"] == gains["pid.gains.p"] == pytest.approx(72.905)
     softer = trunk.tune("lqr", largest={"torque": 1.0})
     assert softer["lqr.gains.i"] < trunk.tune("lqr")["lqr.gains.i"]
+    sampled = trunk.tune("lqr", rate=100.0, discrete=True)
+    ratios = [sampled[f"lqr.gains.{n}"] / trunk.tune("lqr")[f"lqr.gains.{n}"] for n in "pid"]
+    assert ratios == pytest.approx([0.92, 0.92, 0.92], abs=0.03)  # smaller, as docs/tuning.md says
     with pytest.raises(trunk.PlanError, match="one of lqr, pid, computed_torque"):
         trunk.tune("fuzzy_pid")
     with pytest.raises(trunk.PlanError, match="above 0, of integral, angle, speed, torque"):

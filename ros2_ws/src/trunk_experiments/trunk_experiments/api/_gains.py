@@ -7,6 +7,8 @@ from math import isfinite, radians
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from trunk_msgs_util.units import seconds
+
 from ..errors import PlanError
 from ..plans.plan import make_plan
 from ._paths import AnyPath
@@ -55,6 +57,7 @@ def tune(
     largest: Mapping[str, float] = MappingProxyType({}),
     params: AnyPath | Sequence[AnyPath] = (),
     rate: float | None = None,
+    discrete: bool = False,
 ) -> dict[str, float]:
     """Return gains for the trunk linearised about the upright, as overrides for `plan`.
 
@@ -63,6 +66,7 @@ def tune(
     ``largest``: for ``lqr``, the largest acceptable ``integral`` [rad s], ``angle`` [rad], ``speed`` [rad/s]
     and ``torque`` [N m]; by default 0.1, 6 degrees, 1 and 5.
     ``params``: parameter files with the plant, by path or name; later ones win. ``rate``: in Hz.
+    ``discrete``: for ``lqr``, solve the equation of the sampled trunk, its torque held over each period.
 
     Raises PlanError for any other controller or name.
     """
@@ -73,7 +77,8 @@ def tune(
         raise PlanError(f"tune: controller {controller!r}: one of lqr, pid, computed_torque")
     everywhere = {} if rate is None else {"update_rate": float(rate)}
     files = ["profile_practical", *names_of(params, "params")]
-    plant = linearise(make_plan("fig6", controller, files, (), everywhere).simulator.body)
+    sampled = make_plan("fig6", controller, files, (), everywhere)
+    plant = linearise(sampled.simulator.body)
     others: dict[str, float] = {}
     if controller == "lqr":
         bounds = {"integral": 0.1, "angle": radians(6.0), "speed": 1.0, "torque": 5.0}
@@ -83,7 +88,9 @@ def tune(
                 raise PlanError(
                     f"tune: largest {name!r} {value!r}: above 0, of {', '.join(bounds)}, is needed"
                 )
-        gains = by_lqr(plant, *{**bounds, **given}.values())
+        period = seconds(sampled.controller.period_ns) if discrete else 0.0
+        integral, angle, speed, torque = {**bounds, **given}.values()
+        gains = by_lqr(plant, integral, angle, speed, torque, period)
         others["lqr.model.gravity_torque"] = plant.a / plant.b
     else:
         if controller == "computed_torque":
