@@ -58,7 +58,7 @@ def test_the_cost_is_printed_first_and_each_list_is_numbered(checkout):
     assert lines[0] == COSTS
     assert lines[1].startswith("bootstrap: making .venv with cpython 3.1")
     assert lines[2:] == [
-        "bootstrap: installing requirements/setuptools.txt (1 of 5)",
+        "bootstrap: installing requirements/setuptools.txt (1 of 6)",
         "bootstrap: requirements/setuptools.txt: no network",
     ]
 
@@ -80,6 +80,6 @@ def test_a_terminal_shows_how_many_packages_pip_has_begun_with(checkout):
     os.close(terminal)
     left = re.sub(r"[^\n]*\r\x1b\[K", "", shown.decode().replace("\r\n", "\n"))
     assert left.splitlines()[-2:] == [
-        "bootstrap: installing requirements/setuptools.txt (1 of 5)",
+        "bootstrap: installing requirements/setuptools.txt (1 of 6)",
         "bootstrap: requirements/setuptools.txt: no network",
     ]

@@ -36,9 +36,9 @@ def test_random_plans_have_the_same_bits_in_c(index, tmp_path):
     assert compare(random_plan(index), tmp_path)
 
 
-@pytest.mark.parametrize("names", [*((n,) for n in CONTROLLERS), CONTROLLERS], ids="+".join)
+@pytest.mark.parametrize("names", [*((n,) for n in CONTROLLERS), CONTROLLERS[:4]], ids="+".join)
 def test_everything_that_the_compiled_loop_reaches_can_be_translated(names):
-    index = next(i for i in range(200) if tuple(random_plan(i).controllers) == tuple(names))
+    index = next(i for i in range(300) if tuple(random_plan(i).controllers) == tuple(names))
     loop, arguments = loop_and_arguments(random_plan(index))
     Program().function(loop, [type_of(argument) for argument in arguments])
 

@@ -8,8 +8,13 @@ name = manifest.findtext("name")
 version = manifest.findtext("version")
 maintainer = manifest.find("maintainer")
 wheel = "TRUNK_WHEEL" in os.environ  # scripts/wheels.sh: no executables of nodes
-laws = {name: name for name in ("pid", "fuzzy_pid", "lqr", "computed_torque")}  # its module
-laws["fuzzy"] = "fuzzy_torque"
+laws = {  # and their modules
+    "pid": "pid",
+    "fuzzy_pid": "fuzzy_pid",
+    "lqr": "lqr",
+    "computed_torque": "computed_torque",
+    "fuzzy": "fuzzy_torque",
+}
 
 setup(
     name=name,

@@ -32,6 +32,7 @@ CHANGES = {
     "pid": {"antiwindup_strategy": "back_calculation", "derivative_filter_time": 0.02},
     "lqr": {"reference_profile": "sine", "reference_amplitude": 0.2, "reference_frequency": 0.7},
     "computed_torque": {"derivative_mode": "error", "cosines": (0.1, 0.0), "sines": (0.0, 0.05)},
+    "fuzzy": {"form": "pi", "antiwindup_strategy": "back_calculation"},
     "honest": {"active_times": (0.5, 2.0, 3.0)},
 }
 

@@ -74,6 +74,12 @@ CASES = [
     Case("recover-1", "recover a.mcap -o new.mcap"),
     Case("recover-1", "recover cut.mcap -o new.mcap", 1),
     Case("export-1", "export a.mcap --csv a.csv --parquet a.parquet --npz a.npz --mcap c.mcap"),
+    Case("export-fuzzy-1", "export fuzzy -o rules.fll"),
+    Case(
+        "import-fuzzy-1",
+        "import fuzzy rules.fll -o new.yaml",
+        before=("export fuzzy -o rules.fll",),
+    ),
     Case("export-c-1", "export-c pid --like a.mcap -o c"),
     Case("export-c-1", "export-c fuzzy_pid --law --arduino -o c"),
     Case("params-1", "params"),
@@ -92,9 +98,9 @@ CASES = [
     Case("tune-1", "tune poles -o gains.yaml"),
     Case("tune-1", "tune lqr"),
     Case("tune-1", "tune relay --lag 0.01 --damping 1"),
-    Case("tune-1", "tune optimise --generations 1 --population 1", marks=SLOW),
+    Case("tune-1", "tune optimise --generations 1 --population 2", marks=SLOW),
     Case(
-        "tune-1", "tune optimise --controller fuzzy_pid --generations 1 --population 1", marks=SLOW
+        "tune-1", "tune optimise --controller fuzzy_pid --generations 1 --population 2", marks=SLOW
     ),
     Case("limit-1", "limit fig6 --vary simulator.sensor.delay --to 0.5 --within 0.1"),
     Case("margins-1", "margins"),

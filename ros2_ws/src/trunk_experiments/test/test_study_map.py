@@ -14,7 +14,7 @@ from rich.cells import cell_len
 from trunk_experiments.cli import trunk
 from trunk_experiments.console import tables
 from trunk_experiments.errors import StudyError
-from trunk_experiments.study.compare import FELL, compare_study
+from trunk_experiments.study.compare import FELL, compare_study, difference_of
 from trunk_experiments.study.curves import draw_curves
 from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.intervals import mean_and_median, wilson
@@ -175,13 +175,11 @@ def test_differences_are_over_the_same_draws(path):
 
 def test_intervals_cover_the_truth():
     """About 95 % of the 95 % intervals contain the known mean."""
-    from trunk_experiments.study.compare import _difference
-
     rng = np.random.default_rng(5)
     inside = 0
     for _ in range(100):
         a = rng.normal(1.0, 2.0, 60)
-        d = _difference("iae", "a", "b", a + rng.normal(0.3, 0.5, 60), a)
+        d = difference_of("iae", "a", "b", a + rng.normal(0.3, 0.5, 60), a)
         inside += d.low <= 0.3 <= d.high
     assert 86 <= inside <= 100
 
@@ -197,11 +195,9 @@ def test_intervals_cover_the_truth():
     ],
 )
 def test_a_tie_counts_half_for_each(a, b, smaller):
-    from trunk_experiments.study.compare import _difference
-
     first, second = np.array(a), np.array(b)
-    assert _difference("iae", "a", "b", first, second).smaller == smaller
-    assert _difference("iae", "b", "a", second, first).smaller == 1.0 - smaller
+    assert difference_of("iae", "a", "b", first, second).smaller == smaller
+    assert difference_of("iae", "b", "a", second, first).smaller == 1.0 - smaller
 
 
 @pytest.mark.parametrize("form", ["--json", "--csv", "--markdown", None])

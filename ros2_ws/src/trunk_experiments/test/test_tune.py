@@ -206,7 +206,7 @@ def test_the_file_is_loaded_by_a_run(controller, arguments, tmp_path):
 def test_a_search_is_reproducible_and_no_worse_than_its_start(controller, tmp_path):
     texts = []
     for name in ("a.yaml", "b.yaml"):
-        arguments = ["--generations", 1, "--population", 1, "--scenario", "fig6"]
+        arguments = ["--generations", 1, "--population", 2, "--scenario", "fig6"]
         said = invoke(
             "optimise", "--controller", controller, *arguments, "-o", tmp_path / name, "--rate", 200
         )

@@ -128,7 +128,7 @@ def test_rules_are_hidden_while_their_parameters_are_not_known(watched, swapped)
         """() => {
           known.run.acting = ["pid"];
           window.whole = known.nodes.get("fuzzy_pid");
-          known.nodes.set("fuzzy_pid", { ...window.whole, parameters: {} });
+          known.nodes.set("fuzzy_pid", { ...window.whole, parameters: {}, rules: null });
         }"""
     )
     assert page.evaluate(hidden) is True

@@ -12,7 +12,7 @@ from trunk_control.rule_tables import is_table
 from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.parameters.files import write
 
-from ...analysis.parameter_text import change_grid, differing_texts
+from ...analysis.parameter_text import change_grid, differing_texts, value_text
 from ...console.document import write_json
 from ...console.tables import print_table
 from ...console.terminal import show_warnings
@@ -79,7 +79,12 @@ def finish_values(
         name,
         ("parameter", "value"),
         [
-            (key, differing_texts((before[key], value), axes if key in tables else None)[1])
+            (
+                key,
+                differing_texts((before[key], value), axes)[1]
+                if key in tables
+                else value_text(value),
+            )
             for key, value in values.items()
         ],
     )
