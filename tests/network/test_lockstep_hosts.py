@@ -75,7 +75,8 @@ def test_without_multicast_by_a_discovery_server(
     assert_same_bits(plan, run.recording(), tmp_path)
 
 
-@pytest.mark.one_in(2)
+# Rarely client and server of Fast DDS 2.14 wait for each other for ever (docs/hosts.md).
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("iptables") is None, reason="no iptables, which loses packets")
 @pytest.mark.parametrize("far", ["fuzzy_pid", "recorder", "disturbance", "simulator"])
 def test_it_begins_after_a_bad_start_through_a_discovery_server(
