@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from trunk_msgs_util.node import middleware
+
 from ..failed import FAILED
 from . import forked
 from .peer import Peer
@@ -59,6 +61,7 @@ def _check_deserted(domain: int) -> None:
 
 @pytest.fixture(scope="session")
 def domains() -> Iterator[Domains]:
+    middleware.prepare()  # Fast DDS reads its settings once, for the first participant of this process
     chosen = Domains()
     yield chosen
     chosen.close()
