@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -96,7 +96,7 @@ class Scenario:
         self._due = []
         self._stop()
 
-    def published(self, topic: str) -> None:
+    def published(self, topic: str, counted: Set[str] | None = None) -> None:
         """Return None: nobody counts what is published."""
 
     # What happens when.

@@ -57,13 +57,13 @@ WRONG = {
         ("gains.p_min:=0.0", "0.0", "double, > 0"),
         ("fuzzy.rate_range:=[5.0]", "[5.0]", "double, > 0"),
         ("fuzzy.alpha_centers:=[2.0, .nan, 4.0, 5.0]", "[2.0, nan, 4.0, 5.0]", "each > 0"),
-        ("fuzzy.error_peaks:=[0.0, 1.0]", "[0.0, 1.0]", "double array of 7"),
+        ("fuzzy.error_peaks:=[0.0]", "[0.0]", "double array of 2 to 64"),
         ("gains.p_max:=10.0", "10.0", "at least gains.p_min (32)"),
-        ("rules.kp:=[B B B B B B B]", "['B B B B B B B']", "string array of 7"),
+        ("rules.kp:=[B B B B B B B]", "['B B B B B B B']", "string array of 2 to 64"),
         (
             "rules.kd:=[{0}, {0}, S S B X B S S, {0}, {0}, {0}, {0}]".format("B B B B B B B"),
             "['B B B B B B B', ",
-            "labels S, B; cell (e NS, e_dot ZO) is 'X'",
+            "labels S, B, or numbers from 0 to 1; cell (e NS, e_dot ZO) is 'X'",
         ),
     ],
     "recorder": [
