@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cache
-from math import degrees, inf, isfinite, sqrt
+from math import inf, isfinite, isnan, nan, pi, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 SETTLED_FOR = 1.0  # s that must remain after settling
 STEADY_STATE = 2.0  # s at the end
 _TOLERANCE = 1e-9  # s, for times that are sums of rounded periods
+_DEGREES = 180.0 / pi  # a radian, as `math.degrees` has it
 _WORTH_COMPILING = 200_000  # rows: loading the compiler takes as long as summing this many
 
 
@@ -141,30 +142,53 @@ def steady_from(end: float) -> float:
     return end - STEADY_STATE - _TOLERANCE
 
 
+class Numbers(NamedTuple):
+    """The fields of `RunMetrics`, NaN for None."""
+
+    overshoot_deg: float
+    settling_time_6deg_s: float
+    steady_state_error_mean_deg: float
+    steady_state_error_rms_deg: float
+    iae: float
+    ise: float
+    itae: float
+    effort: float
+    peak_torque: float
+    theta_min_deg: float
+    theta_max_deg: float
+
+
+_MAY_BE_UNDEFINED = Numbers._fields[:4]
+
+
+def numbers_of(s: Sums, begin: float) -> Numbers:
+    """Return the metrics of a run that began at ``begin`` [s]. It is exported as C unchanged."""
+    overshoot, settling_time, mean, rms = nan, nan, nan, nan
+    if _is_level(s.level_since, begin, s.t):
+        overshoot, settling_time = _overshoot(s), _settling_time(s)
+    if s.t - begin >= STEADY_STATE - _TOLERANCE:
+        mean = _DEGREES * (s.steady_sum / s.steady_rows)
+        rms = _DEGREES * sqrt(s.steady_squares / s.steady_rows)
+    return Numbers(
+        overshoot,
+        settling_time,
+        mean,
+        rms,
+        s.iae / 2.0,
+        s.ise / 2.0,
+        s.itae / 2.0,
+        s.effort,
+        s.peak_torque,
+        _DEGREES * s.lowest,
+        _DEGREES * s.highest,
+    )
+
+
 def metrics_of(sums: Sums, begin: float) -> RunMetrics:
     """Return the metrics of a run that began at ``begin`` [s]. Raises ValueError if one is infinite."""
-    s = sums
-    levelled = _is_level(s.level_since, begin, s.t)
-    has_steady_state = s.t - begin >= STEADY_STATE - _TOLERANCE
-    return _checked(
-        RunMetrics(
-            overshoot_deg=_overshoot(s) if levelled else None,
-            settling_time_6deg_s=_settling_time(s) if levelled else None,
-            steady_state_error_mean_deg=(
-                degrees(s.steady_sum / s.steady_rows) if has_steady_state else None
-            ),
-            steady_state_error_rms_deg=(
-                degrees(sqrt(s.steady_squares / s.steady_rows)) if has_steady_state else None
-            ),
-            iae=s.iae / 2.0,
-            ise=s.ise / 2.0,
-            itae=s.itae / 2.0,
-            effort=s.effort,
-            peak_torque=s.peak_torque,
-            theta_min_deg=degrees(s.lowest),
-            theta_max_deg=degrees(s.highest),
-        )
-    )
+    numbers = numbers_of(sums, begin)._asdict()
+    undefined = {name: None for name in _MAY_BE_UNDEFINED if isnan(numbers[name])}
+    return _checked(RunMetrics(**{**numbers, **undefined}))
 
 
 def _check(table: RunTable) -> None:
@@ -180,18 +204,19 @@ def _check(table: RunTable) -> None:
             raise ValueError(f"{name} is not finite at t = {table.t[bad[0]]:g} s: no metrics")
 
 
-def _overshoot(s: Sums) -> float | None:
-    """Return the excursion past the level in degrees; None if the angle began at it."""
+def _overshoot(s: Sums) -> float:
+    """Return the excursion past the level in degrees; NaN if the angle began at it."""
     if s.level_from == s.level:
-        return None
+        return nan
     beyond = s.level_highest - s.level if s.level_from < s.level else s.level - s.level_lowest
-    return max(0.0, degrees(beyond))
+    beyond *= _DEGREES
+    return beyond if beyond > 0.0 else 0.0
 
 
-def _settling_time(s: Sums) -> float | None:
+def _settling_time(s: Sums) -> float:
     """Return the time in s from the level's start after which the error stays in the band to the end."""
     if s.settled_at == inf or s.t - s.settled_at < SETTLED_FOR - _TOLERANCE:
-        return None
+        return nan
     return s.settled_at - s.level_since
 
 
