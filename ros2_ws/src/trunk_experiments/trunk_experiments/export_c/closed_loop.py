@@ -46,8 +46,8 @@ def closed_loop(loop: Any, arguments: tuple[Any, ...]) -> ClosedLoop:
     arrays: dict[str, LoopArray] = {}
     statics, functions, given = [], [], []
     for name, value, t in zip(_NAMES, arguments, types, strict=True):
-        for path, array, kind in _arrays(name, value, t):
-            statics.append(_storage(program, path, array, kind))
+        for path, array, kind in arrays_of(name, value, t):
+            statics.append(storage(program, path, array, kind))
             function = f"trunk_loop_{path}"
             functions.append(f"{kind.element.c} *{function}(void);")
             functions.append(f"{kind.element.c} *{function}(void) {{\n    return {path}_data;\n}}")
@@ -56,11 +56,11 @@ def closed_loop(loop: Any, arguments: tuple[Any, ...]) -> ClosedLoop:
             continue
         if isinstance(t, RecordType):
             statics.append(
-                f"static {program.c_type(t)} {name} = {_initial(program, name, value, t)};"
+                f"static {program.c_type(t)} {name} = {initial(program, name, value, t)};"
             )
             given.append(f"&{name}")
         elif isinstance(t, Array):
-            statics.append(f"static {program.c_type(t)} {name} = {_array(name, value)};")
+            statics.append(f"static {program.c_type(t)} {name} = {array_in_c(name, value)};")
             given.append(name)
         else:
             given.append(program.literal(value))
@@ -81,15 +81,17 @@ bool trunk_loop_diverged(void) {{
     return ClosedLoop(f"{library(program, tail)}\n{tail}\n", arrays)
 
 
-def _arrays(path: str, value: Any, t: Type) -> Iterator[tuple[str, Any, Array]]:
+def arrays_of(path: str, value: Any, t: Type) -> Iterator[tuple[str, Any, Array]]:
+    """Yield the arrays in a value of a type: path, array and type of each."""
     if isinstance(t, Array):
         yield path, value, t
     elif isinstance(t, RecordType):
         for name, item, inner in zip(t.names, value, t.types, strict=True):
-            yield from _arrays(f"{path}_{name}", item, inner)
+            yield from arrays_of(f"{path}_{name}", item, inner)
 
 
-def _storage(program: Program, path: str, array: Any, t: Array) -> str:
+def storage(program: Program, path: str, array: Any, t: Array) -> str:
+    """Return the declaration of an array's elements, ``PATH_data``, with its values if they are few."""
     count = max(int(array.size), 1)
     if array.size > _INLINE or path in ("out", "history"):
         return f"static {t.element.c} {path}_data[{count}];"
@@ -98,17 +100,19 @@ def _storage(program: Program, path: str, array: Any, t: Array) -> str:
     return f"static {t.element.c} {path}_data[{count}] = {{{items}}};"
 
 
-def _array(path: str, array: Any) -> str:
+def array_in_c(path: str, array: Any) -> str:
+    """Return the initializer of an array whose elements are ``PATH_data``."""
     return f"{{{path}_data, {', '.join(str(n) for n in array.shape)}}}"
 
 
-def _initial(program: Program, path: str, value: Any, t: Type) -> str:
+def initial(program: Program, path: str, value: Any, t: Type) -> str:
+    """Return the initializer of a value whose arrays are stored by their paths."""
     if isinstance(t, Array):
-        return _array(path, value)
+        return array_in_c(path, value)
     if not isinstance(t, RecordType):
         return program.initial(value, t)
     items = [
-        _initial(program, f"{path}_{name}", item, inner)
+        initial(program, f"{path}_{name}", item, inner)
         for name, item, inner in zip(t.names, value, t.types, strict=True)
         if at_run_time(inner)
     ]

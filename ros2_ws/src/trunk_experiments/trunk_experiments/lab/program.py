@@ -1,0 +1,321 @@
+"""A controller's run in a lab as one C text: the loop in segments, changes on the way, metrics, rules."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trunk_control.decide import reconfigured
+from trunk_control.law import Law
+from trunk_control.laws import law_named
+from trunk_control.rule_base import RuleBaseConfig
+from trunk_sim.disturbances import Disturbance, disturbance_at
+from trunk_sim.noise import fill
+from trunk_sim.step import at_rest
+
+from ..analysis.metrics import numbers_of, steady_from
+from ..analysis.sums import no_rows
+from ..batch.compiled_run import start_of_loop
+from ..export_c.closed_loop import array_in_c, initial
+from ..export_c.emit import library
+from ..export_c.translate import Program
+from ..export_c.types import (
+    INTEGER,
+    REAL,
+    Array,
+    RecordType,
+    Scalar,
+    Static,
+    TableType,
+    Type,
+    at_run_time,
+    type_of,
+)
+from ..plans.plan import RunPlan
+from ..runs.loop import Chain, LoopState, Surroundings, segment_of
+from ..runs.schedule import Schedule
+from ..runs.states import write_terms
+from .numbers import NAMES, Fired, Measured, keep_with_drive, rules_at, with_rows
+
+CHUNK = 1024  # states that a segment computes at most
+# A compiler may call these for records, whatever the text says.
+_COPIES = """
+void *memcpy(void *to, const void *from, unsigned long count);
+void *memcpy(void *to, const void *from, unsigned long count) {
+    for (unsigned long i = 0; i < count; i++) {
+        ((unsigned char *)to)[i] = ((const unsigned char *)from)[i];
+    }
+    return to;
+}
+void *memset(void *to, int value, unsigned long count);
+void *memset(void *to, int value, unsigned long count) {
+    for (unsigned long i = 0; i < count; i++) {
+        ((unsigned char *)to)[i] = (unsigned char)value;
+    }
+    return to;
+}
+"""
+
+
+class LoopValues(NamedTuple):
+    """What determines a run besides what comes from outside."""
+
+    surroundings: Surroundings
+    state: LoopState
+    participants: Chain
+
+
+class Number(NamedTuple):
+    """A number among a run's values: its place in C, its C type and its value; anything else has no place."""
+
+    place: str
+    kind: str
+    value: object
+
+
+def numbers_of_loop(plan: RunPlan) -> list[Number]:
+    """Return the numbers of a plan's loop, in the order of `LabProgram`'s places, and all else in it."""
+    program = Program()
+    values = LoopValues(*start_of_loop(plan))
+    return [
+        number
+        for name, value in values._asdict().items()
+        for number in _numbers(program, name, name, value, type_of(value))
+    ]
+
+
+def values_of_loop(plan: RunPlan) -> list[object]:
+    """Return the values of `numbers_of_loop` alone, which takes a tenth of the time."""
+    values: list[object] = []
+    _flatten(start_of_loop(plan), values)
+    return values
+
+
+def _flatten(value: Any, values: list[object]) -> None:
+    if isinstance(value, tuple):
+        for item in value:
+            _flatten(item, values)
+    elif isinstance(value, np.ndarray):
+        values.append(value.shape)
+        values += value.reshape(-1).tolist()
+    else:
+        values.append(value)
+
+
+def _numbers(program: Program, place: str, path: str, value: Any, t: Type) -> Iterator[Number]:
+    if isinstance(t, RecordType):
+        for i, (name, item, inner) in enumerate(zip(t.names, value, t.types, strict=True)):
+            c = f"{place}.{program.field(t, i)}"
+            yield from _numbers(program, c, f"{path}_{name}", item, inner)
+    elif isinstance(t, Array):
+        yield Number("", "", value.shape)
+        for i, item in enumerate(value.reshape(-1).tolist()):
+            yield Number(f"{path}_data[{i}]", t.element.c, item)
+    elif isinstance(t, Scalar) and t.c:
+        yield Number(place, t.c, value)
+    elif isinstance(t, TableType):
+        yield from (Number("", "", item) for item in value)
+    else:
+        yield Number("", "", value)
+
+
+@dataclass
+class LabProgram:
+    """A plan's run with one controller, as C; its functions are called by name from WebAssembly.
+
+    Raises UntranslatableError for a law outside of the subset.
+    """
+
+    plan: RunPlan
+    name: str  # the controller's
+    text: str = field(init=False)
+    columns: tuple[str, ...] = field(init=False)  # of the table
+    exports: list[str] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        config = self.plan.controllers[self.name]
+        law = law_named(self.name)
+        self.columns = (*NAMES, *law.record_names, "drive")
+        self._program = Program()
+        self._statics: list[str] = []
+        self._functions: list[str] = []
+        self._values = LoopValues(*start_of_loop(self.plan))
+        self._segment(law)
+        self._change(law)
+        self._metrics()
+        self._noise()
+        if isinstance(config, RuleBaseConfig):
+            self._rules(config)
+        places = [number.place for number in numbers_of_loop(self.plan) if number.place]
+        pointers = ",\n        ".join(f"(void *)&{place}" for place in places)
+        self._export(
+            "void *place_of(int32_t index)",
+            f"static void *const places[] = {{\n        {pointers},\n    }};",
+            "return places[index];",
+        )
+        tail = "\n\n".join([*self._statics, *self._functions])
+        self.text = f"{library(self._program, tail)}\n{tail}\n{_COPIES}"
+
+    def _static(self, name: str, value: Any) -> str:
+        """Add a variable with a value, and its arrays; return it as an argument."""
+        t = type_of(value)
+        self._arrays(name, value, t)
+        self._program.names.add(name)
+        if isinstance(t, Array):
+            text = array_in_c(name, value)
+        else:
+            text = initial(self._program, name, value, t)
+        self._statics.append(f"static {self._program.c_type(t)} {name} = {text};")
+        return f"&{name}" if isinstance(t, RecordType) else name
+
+    def _arrays(self, path: str, value: Any, t: Type) -> None:
+        if isinstance(t, RecordType):
+            for name, item, inner in zip(t.names, value, t.types, strict=True):
+                self._arrays(f"{path}_{name}", item, inner)
+        elif isinstance(t, Array):
+            items = value.reshape(-1).tolist() or [0]
+            some = any(items)
+            text = f" = {{{', '.join(map(self._program.literal, items))}}}" if some else ""
+            self._statics.append(f"static {t.element.c} {path}_data[{len(items)}]{text};")
+
+    def _export(self, head: str, *lines: str) -> None:
+        """Add a function that is called from outside."""
+        body = "\n".join(f"    {line}" for line in lines)
+        self._functions.append(f"{head};\n{head} {{\n{body}\n}}")
+        self.exports.append(head.partition("(")[0].split()[-1].lstrip("*"))
+
+    def _segment(self, law: Law) -> None:
+        """Add the loop with its values, and what computes the next states into the table."""
+        surroundings, state, _ = self._values
+        given = {
+            **self._values._asdict(),
+            "noise": np.zeros((CHUNK, 2)),
+            "history": np.zeros((self.plan.simulator.delay_steps + 1, 4)),
+            "schedule": Schedule(push=np.zeros((CHUNK, 2))),
+            "table": np.zeros((CHUNK, len(self.columns))),
+        }
+        types = [type_of(value) for value in given.values()]
+        f = self._program.function(
+            segment_of(law, keep=keep_with_drive(len(self.columns) - 1), tell=write_terms),
+            [INTEGER, INTEGER, *types],
+        )
+        arguments = ", ".join(self._static(name, value) for name, value in given.items())
+        self._statics += [
+            f"static {self._program.c_type(type_of(state))} next_state;",
+            "static int32_t ended;",
+        ]
+        self._export(
+            "int32_t advance(int32_t first, int32_t stop)",
+            "int64_t count, end;",
+            f"{f.name}(first, stop, {arguments}, &count, &end, &next_state);",
+            "state = next_state;",
+            "ended = (int32_t)end;",
+            "return (int32_t)count;",
+        )
+        self._export("int32_t how_it_ended(void)", "return ended;")
+        plant = type_of(surroundings.plant)
+        f = self._program.function(at_rest, [type_of(state.trunk.state), plant])
+        self._static("at_start", state.trunk)
+        self._export(
+            "void begin(void)",
+            f"{f.name}(&state.trunk.state, &surroundings.plant, &at_start);",
+            "state.trunk = at_start;",
+        )
+        for name in ("table", "noise", "schedule_push"):
+            self._export(f"double *{name}_of(void)", f"return {name}_data;")
+        f = self._program.function(disturbance_at, [INTEGER, type_of(surroundings.signals)])
+        self._static("disturbance", Disturbance())
+        call = f"{f.name}(index * surroundings.period_ns, &surroundings.signals, &disturbance);"
+        self._export(
+            "void *disturbance_in(int32_t index)",
+            call if surroundings.disturbed else "(void)index;",
+            "return &disturbance;",
+        )
+
+    def _change(self, law: Law) -> None:
+        """Add what takes over changed constants: ``remember``, then the changes, then ``take_over``."""
+        participants, program = self._values.participants, self._program
+        self._static("before", participants)
+        t = type_of(participants)
+        pairs = zip(
+            _numbers(program, "before", "before", participants, t),
+            _numbers(program, "participants", "participants", participants, t),
+            strict=True,
+        )
+        self._export(
+            "void remember(void)",
+            *(f"{old.place} = {new.place};" for old, new in pairs if new.place),
+        )
+        assert isinstance(t, RecordType)
+        assert isinstance(t.types[0], RecordType)
+        settings, constants, _ = t.types[0].types
+        memory = self._values.state.memories[0]
+        memory_type = type_of(memory)
+        assert isinstance(settings, RecordType)
+        f = program.function(
+            reconfigured, [memory_type, Static(law), constants, constants, settings.types[0]]
+        )
+        self._statics.append(f"static {program.c_type(memory_type)} memory;")
+        first = program.field(t, 0)
+        own = f".{first}.{program.field(t.types[0], 1)}"
+        limits = f".{first}.{program.field(t.types[0], 0)}.{program.field(settings, 0)}"
+        held = f"state.memories.{first}"
+        old, new = (
+            [f"&{name}{own}"] if at_run_time(constants) else []
+            for name in ("before", "participants")
+        )
+        arguments = ", ".join([f"&{held}", *old, *new, f"&participants{limits}", "&memory"])
+        self._export("void take_over(void)", f"{f.name}({arguments});", f"{held} = memory;")
+
+    def _metrics(self) -> None:
+        """Add the metrics: ``measure`` from the first state on, row by row of the table, then ``metrics``."""
+        program = self._program
+        measured = Measured(no_rows(0.0), 0.0)
+        self._static("measured", measured)
+        self._static("begun", measured)
+        t, sums = type_of(measured), type_of(measured.sums)
+        table = Array(REAL, 2)
+        rows = program.function(with_rows, [t, INTEGER, INTEGER, INTEGER, REAL, INTEGER, table])
+        level = program.function(steady_from, [REAL])
+        period = self.plan.simulator.period_ns
+        self._statics.append(f"static {program.c_type(t)} next_measured;")
+        self._export(
+            "void measure(int32_t first, int32_t count, int32_t states)",
+            "if (first == 0) {",
+            "    measured = begun;",
+            "}",
+            f"const double end = (double)((states - 1) * INT64_C({period})) / 1e9;",
+            f"{rows.name}(&measured, first, count, {period}, {level.name}(end), "
+            f"{len(self.columns) - 1}, table, &next_measured);",
+            "measured = next_measured;",
+        )
+        f = program.function(numbers_of, [sums, REAL])
+        self._statics.append(f"static {program.c_type(f.outputs[0][1])} numbers;")
+        self._export(
+            "void *metrics(void)", f"{f.name}(&measured.sums, 0.0, &numbers);", "return &numbers;"
+        )
+
+    def _noise(self) -> None:
+        """Add the samples of random bits: ``noise`` from ``bits``."""
+        f = self._program.function(fill, [Array(INTEGER, 1), Array(REAL, 1)])
+        count = 2 * CHUNK
+        self._static("bits", np.zeros(count, np.int64))
+        self._statics.append(f"static Reals samples = {{noise_data, {count}}};")
+        self._export("int64_t *bits_of(void)", "return bits_data;")
+        self._export("void draw(void)", f"{f.name}(bits, samples);")
+
+    def _rules(self, config: RuleBaseConfig) -> None:
+        """Add which rules fire: ``rules``."""
+        names = []
+        for name, peaks in zip(("error_peaks", "rate_peaks"), config.peaks, strict=True):
+            names.append(self._static(name, np.array(peaks)))
+        f = self._program.function(rules_at, [REAL, REAL, Array(REAL, 1), Array(REAL, 1)])
+        self._static("fired", Fired(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        self._export(
+            "void *rules(double error, double rate)",
+            f"{f.name}(error, rate, {', '.join(names)}, &fired);",
+            "return &fired;",
+        )
