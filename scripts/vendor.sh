@@ -19,7 +19,7 @@ renew() { # NAME VERSION SHA512 TARGET FILE...: these files of the package
 }
 
 renew uplot 1.6.32 KIMVnG68zvu5XXUbC4LQEPnhwOxBuLyW1AHtpm6IKTXImkbLgkMy+jabjLgSLMasNuGGzQm/ep3tOkyTxpiQIw== \
-    gateway/page/vendor dist/uPlot.iife.min.js dist/uPlot.min.css LICENSE
+    parts/vendor dist/uPlot.iife.min.js dist/uPlot.min.css LICENSE
 renew plotly.js-cartesian-dist-min 4.1.1 \
     o8GrFeusncwBIxbBynRJpY4pkgVB6caM+JLpwrLYbbsO7dZ8FJ+SVN2Fr+L7kiG/Z6w4P5O0Jus/Qr5EefHVeg== \
     views/report_assets/vendor plotly-cartesian.min.js LICENSE

@@ -34,7 +34,9 @@ setup(
             "templates/controller/*/*.in",
             "templates/controller/*/*/*.in",
             "gateway/page/*",
-            "gateway/page/vendor/*",
+            "parts/*.css",
+            "parts/*.js",
+            "parts/vendor/*",
             "views/report_assets/*",
             "views/report_assets/vendor/*",
         ]

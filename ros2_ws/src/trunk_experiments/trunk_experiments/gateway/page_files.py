@@ -7,18 +7,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 _PACKAGE = __package__.partition(".")[0]
-# Path of the address -> folder and name of the file. Stage, style and keys are the report's.
+# Path of the address -> folder and name of the file: the page's own, and parts that other pages share.
 _PAGE = {
     "/": "gateway/page/index.html",
-    "/style.css": "views/report_assets/style.css",
-    "/stage.js": "views/report_assets/stage.js",
-    "/numbers.js": "views/report_assets/numbers.js",
-    "/keys.js": "views/report_assets/keys.js",
+    **{f"/{name}": f"gateway/page/{name}" for name in ("wire.js", "health.js")},
     **{
-        f"/{name}": f"gateway/page/{name}"
+        f"/{name}": f"parts/{name}"
         for name in (
-            "live.css",
-            "wire.js",
+            "style.css",
+            "page.css",
+            "numbers.js",
+            "keys.js",
+            "stage.js",
             "store.js",
             "scene.js",
             "grip.js",
@@ -26,12 +26,11 @@ _PAGE = {
             "edits.js",
             "rules.js",
             "knobs.js",
-            "health.js",
             "page.js",
         )
     },
-    "/uplot.js": "gateway/page/vendor/uPlot.iife.min.js",
-    "/uplot.css": "gateway/page/vendor/uPlot.min.css",
+    "/uplot.js": "parts/vendor/uPlot.iife.min.js",
+    "/uplot.css": "parts/vendor/uPlot.min.css",
 }
 _KINDS = {
     ".html": "text/html; charset=utf-8",

@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from shlex import quote
 
@@ -20,7 +19,7 @@ from matplotlib.figure import Figure
 
 from ..analysis.metrics import QUANTITIES
 from ..errors import StudyError
-from ..views import report_page
+from ..parts.inline import part
 from ..views.plot_style import drawn
 from .compare import MeanDifference, compare_study
 from .curves import draw_curves, drawn_parameters, scatter
@@ -151,11 +150,10 @@ def render(report: StudyReport) -> str:
         "percent": percent,
         "resamples": RESAMPLES,
     }
-    shared = files(report_page.__package__) / "report_assets" / "style.css"
     return environment.get_template("report.html.j2").render(
         report=report,
         policy=_POLICY,
-        style=Markup(shared.read_text(encoding="utf-8")),  # our own file, nothing from the results
+        style=Markup(part("style.css")),  # our own file, nothing from the results
     )
 
 

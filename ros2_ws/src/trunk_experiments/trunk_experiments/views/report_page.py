@@ -7,8 +7,6 @@ page's own scripts, by their digests, and no connections.
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from importlib.resources import files
 from pathlib import Path
 
@@ -18,14 +16,13 @@ from markupsafe import Markup
 
 from trunk_msgs_util.files import atomic_write
 
+from ..parts.inline import inline, part, script_sources
 from .report import Report, number, quantity_label
 
+_PARTS = ("numbers.js", "keys.js", "stage.js")  # that other pages share
 _SCRIPTS = (
-    "numbers.js",
     "data.js",
     "clock.js",
-    "keys.js",
-    "stage.js",
     "stages.js",
     "thin.js",
     "plots.js",
@@ -42,8 +39,8 @@ def render(report: Report) -> str:
     """Return the page."""
     assets = files(__package__) / "report_assets"
     plotly = (assets / "vendor" / "plotly-cartesian.min.js").read_text(encoding="utf-8")
-    own = "\n".join((assets / name).read_text(encoding="utf-8") for name in _SCRIPTS)
-    scripts = [_inline(plotly), _inline(own)]
+    own = [*map(part, _PARTS), *((assets / name).read_text(encoding="utf-8") for name in _SCRIPTS)]
+    scripts = [inline(plotly), inline("\n".join(own))]
     environment = Environment(
         loader=PackageLoader(__package__, "report_assets"),
         autoescape=True,
@@ -57,7 +54,7 @@ def render(report: Report) -> str:
         data=htmlsafe_json_dumps(report.data, allow_nan=False, separators=(",", ":")),
         policy=_policy(scripts),
         # Our own files, nothing from the recording: the only text that is not escaped.
-        style=Markup((assets / "style.css").read_text(encoding="utf-8")),
+        style=Markup(part("style.css")),
         scripts=[Markup(script) for script in scripts],
     )
 
@@ -70,16 +67,9 @@ def write(report: Report, path: Path) -> int:
     return len(data)
 
 
-def _inline(script: str) -> str:
-    """Return a script whose text cannot end its script block early."""
-    return script.replace("</script", r"<\/script").replace("<!--", r"<\!--")
-
-
 def _policy(scripts: list[str]) -> str:
-    digests = (hashlib.sha256(script.encode("utf-8")).digest() for script in scripts)
-    sources = " ".join(f"'sha256-{base64.b64encode(d).decode('ascii')}'" for d in digests)
     # Plotly sets inline styles, and exports pictures by data and blob URLs.
     return (
-        f"default-src 'none'; script-src {sources}; style-src 'unsafe-inline'; "
+        f"default-src 'none'; script-src {script_sources(scripts)}; style-src 'unsafe-inline'; "
         "img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
