@@ -30,12 +30,16 @@ State = dict[str, tuple[int, int, int]]
 _ASIDE = re.compile(r"warning: |^trunk: [^:]+: \d+ %")
 # Listing the whole machine's files is not a case.
 _TOO_MANY = ("list runs", "/")
+# Folders that can be made.
+_NEW = ("x", "x.", ".x", "x.txt", "x.mcap.bak", "x.MCAP2")
 # Right for these verbs, though careless for others: (verb, argument).
 FINE = {
     *(("list runs", place) for place in (".", "..", "folder", "hollow", "two", "~")),
     *(("params show", file) for file in ("params.yaml", "yaml.mcap")),
     *(("study compare", file) for file in ("study.parquet", "parquet.mcap")),
-    *(("paper", place) for place in ("x", "x.", ".x", "x.txt", "x.mcap.bak", "x.MCAP2", "folder")),
+    *(("paper", place) for place in (*_NEW, "folder")),
+    *(("export-c -o c", place) for place in (*_NEW, " ", "no/such/folder/x", "{input}", "pid")),
+    *(("export-c -o c", place) for place in ("-oo", "-ojson", "--force")),
 }
 
 

@@ -45,6 +45,7 @@ VERBS = (
     Verb(("recover",), ("a.mcap",), ".mcap"),
     Verb(("export",), ("a.mcap",), ".csv"),
     Verb(("export", "fuzzy"), (), ".fis"),
+    Verb(("export-c", "-o", "c"), ("pid",)),
     Verb(("import", "fuzzy"), ("rules.fll",), ".yaml"),
     Verb(("params", "pid")),
     Verb(("params", "apply"), ("params.yaml",)),

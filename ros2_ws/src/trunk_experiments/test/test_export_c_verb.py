@@ -176,14 +176,24 @@ def test_a_mistake_is_one_line(words, line, recordings_here, command_says):
 
 def test_nothing_is_overwritten_unless_asked(command_says, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "c").mkdir()
-    (tmp_path / "c" / "mine.txt").write_text("mine")
-    assert command_says("export-c", "pid", "-o", "c")[0] == 0
-    before = (tmp_path / "c" / "pid.c").read_bytes()
-    code, _, err = command_says("export-c", "pid", "-o", "c", "--set", "pid.gains.p=61")
+    folder = tmp_path / "c"
+    folder.mkdir()
+    (folder / "pid.c").write_text("mine")
+    (folder / "other.c").write_text("mine")
+    code, _, err = command_says("export-c", "pid", "-o", "c")
     assert code != 0
-    assert "pid.h exists" in err
-    assert (tmp_path / "c" / "pid.c").read_bytes() == before
-    assert command_says("export-c", "pid", "-o", "c", "--set", "pid.gains.p=61", "--force")[0] == 0
-    assert (tmp_path / "c" / "pid.c").read_bytes() != before
-    assert (tmp_path / "c" / "mine.txt").read_text() == "mine"
+    assert "the folder is not empty: give another, or --force" in err
+    assert (folder / "pid.c").read_text() == "mine"
+    assert command_says("export-c", "pid", "-o", "c", "--force")[0] == 0
+    assert (folder / "pid.c").read_text() != "mine"
+    assert (folder / "other.c").read_text() == "mine"
+
+
+def test_what_is_read_is_not_written_over_even_when_asked(command_says, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = "pid:\n  ros__parameters:\n    gains.p: 61.0\n"
+    (tmp_path / "pid.h").write_text(text)
+    code, _, err = command_says("export-c", "pid", "--params", "pid.h", "-o", ".", "--force")
+    assert (code, "pid.h: it is read by this command" in err) == (2, True)
+    assert [path.name for path in tmp_path.iterdir()] == ["pid.h"]
+    assert (tmp_path / "pid.h").read_text() == text

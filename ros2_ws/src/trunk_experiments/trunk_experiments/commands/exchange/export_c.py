@@ -16,7 +16,7 @@ from trunk_msgs_util.parameters.files import Layer, Section, check_names, read
 
 from ...console.document import json_option, write_json
 from ...console.options import names_or_files, parameter_files
-from ...console.outputs import check_not_read
+from ...console.outputs import check_folder, check_not_read
 from ...console.plan_options import ControllerName
 from ...console.reading import open_run
 from ...console.terminal import show_warnings
@@ -51,7 +51,11 @@ from ...recorded.run import RecordedRun
     required=True,
     help="The folder to write; it is made.",
 )
-@click.option("--force", is_flag=True, help="Replace files of the same names in it.")
+@click.option(
+    "--force",
+    is_flag=True,
+    help="Also into a folder with files; those of the same names are replaced.",
+)
 @click.option(
     "--like",
     type=click.Path(path_type=Path),
@@ -92,8 +96,7 @@ def command(
         raise PlanError(
             "--law --ros2-control: the plug-in needs the whole controller: leave out --law"
         )
-    if output.exists() and not output.is_dir():
-        raise PlanError(f"--output {output}: it is not a folder: give another")
+    check_folder(output, force)
     run = None if like is None else open_run(like)
     config = _config(controller, params, settings, run)
     exported = ExportedController(law_named(controller), config, bare)
@@ -109,7 +112,7 @@ def command(
     texts |= cmake_files(exported) if cmake else {}
     texts |= ros2_control_files(exported) if ros2_control else {}
     texts |= arduino_files(exported, rows, origin) if arduino else {}
-    written = _written(output, texts, force, [*params, *([like] if like else [])])
+    written = _written(output, texts, [*params, *([like] if like else [])])
     source = output / f"{controller}.c"
     words = ["cc", "-std=c99", "-O2", source, output / "replay.c", "-o", output / "replay"]
     compile_command = [str(word) for word in words]
@@ -166,18 +169,11 @@ def _runnable(path: Path) -> Path | str:
     return path if path.is_absolute() or len(path.parts) > 1 else f"./{path}"
 
 
-def _written(
-    folder: Path, texts: dict[str, bytes], force: bool, inputs: Sequence[str | Path]
-) -> list[Path]:
-    """Write files into a folder, all or, where one exists, none. Raises PlanError."""
+def _written(folder: Path, texts: dict[str, bytes], inputs: Sequence[str | Path]) -> list[Path]:
+    """Write files into a folder. Raises PlanError, before any is written, over what the verb reads."""
     paths = [folder / name for name in texts]
     for path in paths:
-        if path.exists():
-            check_not_read(path, inputs)
-            if not force or not path.is_file():
-                raise PlanError(
-                    f"--output {folder}: {path} exists: give another folder, or --force"
-                )
+        check_not_read(path, inputs)
     for path, text in zip(paths, texts.values(), strict=True):
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as part:

@@ -1,0 +1,55 @@
+"""The exported CMakeLists.txt, built: alone, with its test, and two controllers in another project."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+
+import pytest
+
+from .c_programs import needs_compiler
+
+pytestmark = [
+    needs_compiler,
+    pytest.mark.slow,
+    pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake: apt-get install cmake"),
+]
+PROJECT = """cmake_minimum_required(VERSION 3.13)
+project(robot C)
+add_subdirectory(lqr)
+add_subdirectory(pid)
+add_executable(robot main.c)
+target_link_libraries(robot PRIVATE lqr pid)
+"""
+MAIN = """#include "lqr.h"
+#include "pid.h"
+int main(void) { return lqr_self_test() == LQR_SOUND && pid_self_test() == PID_SOUND ? 0 : 1; }
+"""
+
+
+def run(*words):
+    done = subprocess.run(list(map(str, words)), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("kind", ["Debug", "Release"])
+def test_the_library_and_its_replay(kind, command_says, tmp_path):
+    code, _, err = command_says("export-c", "fuzzy_pid", "-o", tmp_path / "c", "--cmake")
+    assert code == 0, err
+    built = tmp_path / "built"
+    run("cmake", "-S", tmp_path / "c", "-B", built, f"-DCMAKE_BUILD_TYPE={kind}")
+    run("cmake", "--build", built)
+    said = run("cmake", "-E", "chdir", built, "ctest", "--verbose")
+    assert "2000 of 2000 commands equal" in said
+    assert "100% tests passed" in said
+
+
+def test_two_controllers_in_another_project(command_says, tmp_path):
+    for name in ("lqr", "pid"):
+        assert command_says("export-c", name, "-o", tmp_path / name, "--cmake")[0] == 0
+    (tmp_path / "CMakeLists.txt").write_text(PROJECT)
+    (tmp_path / "main.c").write_text(MAIN)
+    run("cmake", "-S", tmp_path, "-B", tmp_path / "built")
+    run("cmake", "--build", tmp_path / "built")
+    run(tmp_path / "built" / "robot")
