@@ -27,3 +27,7 @@ class Board:
         if version >= self._version:
             return None
         return next(piece for piece in self._pieces.values() if piece[0] > version)
+
+    def texts(self) -> list[str]:
+        """Return the last version of all pieces."""
+        return [text for _, text in self._pieces.values()]

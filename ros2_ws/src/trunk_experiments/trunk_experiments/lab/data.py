@@ -1,0 +1,164 @@
+"""What a lab's page holds as data: the scenario, its nodes and parameters, knobs, and a program a controller."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+from trunk_msgs_util.parameters.declarations import declarations, values_of
+from trunk_msgs_util.units import NANOSECONDS, nanoseconds
+
+from ..analysis.metrics import QUANTITIES
+from ..errors import PlanError
+from ..gateway.board import Board
+from ..gateway.graph import Graph
+from ..gateway.protocol import plain
+from ..plans.plan import RunPlan
+from ..runs.loop_inputs import check_compilable, states_of
+from .knobs import Knob, KnobSearch, NodeKnobs, RuleKnob
+from .program import CHUNK, LabProgram, numbers_of_loop
+from .wasm import wasm_of
+
+MOST_STATES = 200_000  # a table in a page's memory
+_NOISE = ("surroundings.sensor.position_noise", "surroundings.sensor.velocity_noise")
+_NOT_SHOWN = ("recorder",)
+
+
+def check_plan(plan: RunPlan) -> None:
+    """Raise PlanError for a plan of one controller that a lab cannot compute."""
+    check_compilable(plan)
+    simulator = plan.simulator
+    states = states_of(plan)
+    if states > MOST_STATES:
+        raise PlanError(
+            f"simulator.duration {simulator.duration:g} s at {simulator.update_rate:g} Hz: a lab has at most "
+            f"{MOST_STATES:,} states, not {states:,}: give --duration or --rate"
+        )
+    if simulator.network is not None:
+        raise PlanError("simulator.link: messages that are late or lost are not in a lab: leave out link.*")
+    for name, config in plan.controllers.items():
+        if config.active_times:
+            raise PlanError(f"{name}.active.times: in a lab each controller acts alone, all the time")
+
+
+def lab_of(plans: Mapping[str, RunPlan], commands: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+    """Return the data of a lab: by controller, a plan with it alone, and the words of its command.
+
+    Raises PlanError for what a lab cannot compute, UntranslatableError for a law outside of the subset.
+    """
+    for plan in plans.values():
+        check_plan(plan)
+    first = next(iter(plans.values()))
+    knobs: dict[str, NodeKnobs] = {}
+    for name, plan in plans.items():
+        search = KnobSearch(plan)
+        for node in plan.configs:
+            if node not in knobs and node not in _NOT_SHOWN:
+                knobs[node] = search.of(node)
+        _check_places(first, plan, name)
+    programs = {}
+    for name, plan in plans.items():
+        program = LabProgram(plan, name)
+        module = wasm_of(program.text, program.exports)
+        programs[name] = {"wasm": _base64(module), "columns": program.columns}
+    places = [number.place for number in numbers_of_loop(first) if number.place]
+    simulator = first.simulator
+    limits = simulator.operator_limits
+    return {
+        "version": version(__package__.partition(".")[0].replace("_", "-")),
+        "scenario": first.scenario,
+        "period_ns": simulator.period_ns,
+        "states": states_of(first),
+        "end_s": (states_of(first) - 1) * simulator.period_ns / NANOSECONDS,
+        "controllers": list(plans),
+        "chunk": CHUNK,
+        "metrics": list(QUANTITIES),
+        "quantities": {key: [text.label, text.unit] for key, text in QUANTITIES.items()},
+        "noise": [places.index(place) for place in _NOISE],
+        "operator_timeout_ns": nanoseconds(simulator.operator_timeout) if limits else 0,
+        **_words(plans, knobs),
+        "knobs": {
+            node: {name: _knob_data(plans, node, name, knob) for name, knob in found.knobs.items()}
+            for node, found in knobs.items()
+        },
+        "orders": {
+            node: [vars(order) for order in found.orders] for node, found in knobs.items()
+        },
+        "commands": {name: list(words) for name, words in commands.items()},
+        "programs": programs,
+    }
+
+
+def _config_of(plans: Mapping[str, RunPlan], node: str) -> Any:
+    return next(plan.configs[node] for plan in plans.values() if node in plan.configs)
+
+
+def _words(plans: Mapping[str, RunPlan], knobs: Mapping[str, NodeKnobs]) -> dict[str, Any]:
+    """Return what the gateway says of the nodes: ``world``, ``nodes``, ``declared``."""
+    board = Board()
+    graph = Graph(board)
+    for node in knobs:
+        graph.parameters(node, values_of(_config_of(plans, node)))
+    said = [json.loads(text) for text in board.texts()]
+    data: dict[str, Any] = {"nodes": {}, "declared": {}}
+    for piece in said:
+        kind = piece.pop("kind")
+        if kind == "world":
+            data["world"] = piece
+        elif kind == "node":
+            data["nodes"][piece["name"]] = piece
+        elif kind == "declared":
+            data["declared"][piece["name"]] = piece["parameters"]
+    places = {name: _states(plan) for name, plan in plans.items()}
+    for node, found in knobs.items():
+        states = places.get(node, next(iter(places.values())))
+        for name, declared in data["declared"][node].items():
+            knob = found.knobs.get(name)
+            at_start = isinstance(knob, Knob) and any(
+                place in states for group in knob.places for place in group
+            )
+            declared["refused"] = found.refused.get(name, "")
+            declared["start"] = bool(declared["fixed"]) or at_start
+            declared["fixed"] = knob is None
+    return data
+
+
+def _states(plan: RunPlan) -> set[int]:
+    """Return the places of numbers that a run changes itself."""
+    places = [number.place for number in numbers_of_loop(plan) if number.place]
+    return {i for i, place in enumerate(places) if place.startswith("state.")}
+
+
+def _check_places(first: RunPlan, plan: RunPlan, name: str) -> None:
+    """Raise PlanError unless the plant's numbers are in the same places for both plans."""
+    lists = [
+        [number.place for number in numbers_of_loop(p) if number.place.startswith("surroundings")]
+        for p in (first, plan)
+    ]
+    if lists[0] != lists[1]:
+        raise PlanError(f"--controller {name}: its plant has another form: make a lab of its own")
+
+
+def _knob_data(
+    plans: Mapping[str, RunPlan], node: str, name: str, knob: Knob | RuleKnob
+) -> dict[str, Any]:
+    if isinstance(knob, RuleKnob):
+        return {**vars(knob), "labels": dict(knob.labels)}
+    declared = declarations(type(_config_of(plans, node)))[name]
+    return {
+        "places": knob.places,
+        "kind": knob.kind,
+        "low": plain(knob.low),
+        "high": plain(knob.high),
+        "above": declared.above,
+        "unbounded": declared.unbounded,
+        "excluded": knob.excluded,
+        "array": knob.array,
+    }
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
