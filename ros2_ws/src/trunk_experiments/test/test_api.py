@@ -101,6 +101,47 @@ def test_tuned_gains_are_overrides_of_a_plan():
         trunk.tune("lqr", largest={"force": 1.0})
 
 
+def test_a_relay_gives_table_1s_gains():
+    relay = trunk.relay(0.02, 0.5)
+    assert (relay.ku, relay.exact_ku) == pytest.approx((22.2997, 25.4), rel=2e-3)  # docs/paper.md
+    plan = trunk.plan("demo", "pid", overrides=relay.overrides)
+    assert plan.parameters["pid"]["gains.p"] == pytest.approx(0.6 * relay.ku)
+    assert relay.overrides["pid.gains.d"] / (0.6 * relay.ku) == pytest.approx(relay.tu / 8.0)
+    with pytest.raises(trunk.PlanError, match=r"no ultimate gain: .* damping > 0\.0981 N m s/rad"):
+        trunk.relay(0.02, 0.05)
+
+
+@pytest.mark.slow
+def test_a_search_finds_what_a_simulation_confirms():
+    plans = [trunk.plan(name, "pid", duration=2.0, rate=200.0) for name in ("fig6", "fig7")]
+    heard = []
+    optimum = trunk.optimise(
+        *plans, metric="iae", generations=1, population=2, progress=lambda *best: heard.append(best)
+    )
+    assert optimum.after < optimum.before
+    assert heard == [(1, optimum.after)]
+    for overrides, mean in (({}, optimum.before), (optimum.overrides, optimum.after)):
+        runs = [
+            trunk.simulate(
+                trunk.plan(p.scenario, "pid", duration=2.0, rate=200.0, overrides=overrides)
+            )
+            for p in plans
+        ]
+        assert np.mean([trunk.metrics(run).iae for run in runs]) == pytest.approx(mean, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_what_was_learned_is_judged_on_other_draws():
+    speed = trunk.draw("simulator.initial.velocity[0]", "uniform", low=-2.0, high=2.0)
+    study = trunk.study("fig6", ["pid", "lqr"], {"speed": speed}, duration=1.0, rate=200.0, runs=3)
+    learned = trunk.learn(study, "pid", metric="iae", generations=1, population=2)
+    assert learned.after <= learned.before
+    assert [drawn.controller for drawn in learned.held_out] == ["pid", "pid, learned", "lqr"]
+    assert all((drawn.fell, drawn.runs) == (0, 3) for drawn in learned.held_out)
+    assert learned.held_out[0].mean != learned.searched[0].mean
+    assert set(learned.overrides) <= {f"pid.gains.{name}" for name in "pid"}
+
+
 @pytest.mark.slow
 def test_a_limit_is_where_the_run_falls():
     found = trunk.limit("demo", "disturbance.pulse.magnitude", 0.0, 5.0, "pid", within=0.05)

@@ -74,6 +74,25 @@ MISTAKES = {
         lambda: trunk.simulate(trunk.plan("fig8", duration=0.0)),
         "duration is 0: an offline run needs an end",
     ),
+    "nothing to search on": (trunk.optimise, "give one or more of what trunk.plan"),
+    "two controllers": (
+        lambda: trunk.optimise(trunk.plan("fig6", "pid"), trunk.plan("fig6", "lqr")),
+        "controllers are lqr, pid: give plans of one controller",
+    ),
+    "searched metric": (
+        lambda: trunk.optimise(trunk.plan("fig6", "pid"), metric="itea"),
+        "optimise: metric 'itea': one of .*did you mean 'itae'",
+    ),
+    "generations": (
+        lambda: trunk.learn(study(), "pid", generations=0),
+        "learn: generations 0: a whole number from 1 to 100000 is needed",
+    ),
+    "draws": (lambda: trunk.learn("rules", "pid"), "learn: 'rules' is not a study"),
+    "held-out draws": (
+        lambda: trunk.learn(study(runs=2), "pid", held_out_seed=1),
+        "the held-out draws must be others",
+    ),
+    "lag": (lambda: trunk.relay("20ms", 0.5), "relay: lag '20ms': a number from 0 to 1000"),
     "no recording": (lambda: trunk.load("nothing.mcap"), "nothing.mcap"),
     "no path": (lambda: trunk.metrics(3), "recording 3 is not a path"),
     "no runs": (trunk.plot, "plot: no run"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,6 @@ from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
 from trunk_experiments.errors import StudyError
-from trunk_experiments.study import learning
 from trunk_experiments.study.bases import make_bases
 from trunk_experiments.study.design import design
 from trunk_experiments.study.file import parse_study
@@ -45,12 +43,6 @@ def draws(study):
     return Draws(study, make_bases(study))
 
 
-@contextmanager
-def alone(draws, label, metric, workers):
-    """Evaluate in this process."""
-    yield lambda candidates: [outcome(draws, label, values, metric) for values in candidates]
-
-
 def test_outcomes_are_those_of_a_sweep(study, draws):
     table = run_block(RunBlock(0, study, draws.bases, design(study, 0, study.total), ""))
     fallen = np.maximum(table["theta_max_deg"], -np.array(table["theta_min_deg"])) >= 90.0
@@ -73,8 +65,7 @@ def test_a_fall_counts_and_a_changed_parameter_acts(draws):
     assert not np.array_equal(outcome(draws, "rules", {"gains.p_max": 90.0}, "iae"), metric)
 
 
-def test_a_search_is_reproducible_and_judged_on_other_draws(study, draws, monkeypatch):
-    monkeypatch.setattr(learning, "crew", alone)
+def test_a_search_is_reproducible_and_judged_on_other_draws(study, draws):
     words = study, "rules", "iae", 2, 4, 3, 99, 1
     heard = []
     first = learn(*words, lambda *progress: heard.append(progress))
@@ -107,6 +98,7 @@ def test_the_verb_says_what_it_found_on_other_draws(tmp_path):
     file, output = tmp_path / "study.yaml", tmp_path / "learned.yaml"
     file.write_text(STUDY)
     words = ["tune", "optimise", "--study", str(file), "--controller", "pid", "--generations", "1"]
+    words += ["--workers", "2"]
     done = CliRunner().invoke(trunk, [*words, "--population", "4", "-o", str(output), "--json"])
     assert done.exit_code == 0, done.exception
     document = checked(done.stdout, "tune-1")

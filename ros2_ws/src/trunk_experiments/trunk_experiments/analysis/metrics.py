@@ -53,6 +53,7 @@ QUANTITIES: Mapping[str, MetricText] = {
     "theta_min_deg": MetricText("smallest angle", "°", judged=False),
     "theta_max_deg": MetricText("largest angle", "°", judged=False),
 }
+JUDGED = tuple(name for name, text in QUANTITIES.items() if text.judged)
 
 
 @dataclass(frozen=True)

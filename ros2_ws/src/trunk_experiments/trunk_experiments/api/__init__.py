@@ -31,6 +31,7 @@ from ._run import Run
 from ._simulate import load, simulate
 from ._study import Contender, Study, Variation, draw, grid, read_study, study
 from ._sweep import PairedDifference, Sweep, load_sweep, sweep
+from ._tuning import DrawsOutcome, Learned, Optimum, Relay, learn, optimise, relay
 from ._units import UNITS
 from ._verify import CheckedPart, Verification, verify
 
@@ -51,6 +52,10 @@ __all__ = [  # noqa: RUF022 (in the order in which docs/api.md describes them)
     "explain",
     "branch",
     "tune",
+    "relay",
+    "Relay",
+    "optimise",
+    "Optimum",
     "limit",
     "Limit",
     "study",
@@ -64,6 +69,9 @@ __all__ = [  # noqa: RUF022 (in the order in which docs/api.md describes them)
     "load_sweep",
     "Sweep",
     "PairedDifference",
+    "learn",
+    "Learned",
+    "DrawsOutcome",
     "scenarios",
     "controllers",
     "parameter_files",

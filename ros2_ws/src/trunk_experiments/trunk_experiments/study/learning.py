@@ -235,7 +235,13 @@ def _metric(summary: RunSummary, name: str) -> float:
 
 @contextmanager
 def crew(draws: Draws, label: str, metric: str, workers: int) -> Iterator[Evaluate]:
-    """Yield a function that evaluates candidates in worker processes, each over all draws in lanes."""
+    """Yield a function that evaluates candidates in worker processes, each over all draws in lanes.
+
+    One worker is this process.
+    """
+    if workers == 1:
+        yield lambda candidates: [outcome(draws, label, v, metric) for v in candidates]
+        return
     pool = worker_pool(workers)
 
     def evaluate(candidates: Sequence[Values]) -> list[Floats]:

@@ -159,17 +159,18 @@ def search(
         if wrong:
             raise PlanError(f"{plan.scenario}: {wrong}")
     first = plans[0]
-    config = first.controller
-    space = space_of(first.controller_name, config)
+    kind = NODES[first.controller_name].config
+    space = space_of(first.controller_name, first.controller)
     batch = Batch()
     runs = 0
 
     def cost(x: Floats) -> float:
         nonlocal runs
-        tried = build(NODES[first.controller_name].config, {**values_of(config), **space.values(x)})
+        values = space.values(x)
         total = 0.0
         for plan in plans:
             runs += 1
+            tried = build(kind, {**values_of(plan.controller), **values})
             outcome = batch.run(plan.with_controller(tried)).metrics()
             value = None if outcome is None else getattr(outcome, metric)
             total += FAILED if value is None else abs(float(value))

@@ -14,7 +14,7 @@ from click.core import ParameterSource
 
 from trunk_msgs_util.units import seconds
 
-from ...analysis.metrics import RunMetrics
+from ...analysis.metrics import JUDGED
 from ...console.document import json_option
 from ...console.options import FiniteRange, Function
 from ...console.outputs import check_output, output_options
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from ...tuning.linear import Linear
 
 _OPTIONS = {"scenarios": "scenario", "params": "params", "settings": "set", "rate": "rate"}
-_METRICS = tuple(name for name in RunMetrics.__dataclass_fields__ if not name.startswith("theta"))
 
 
 def _options(function: Any) -> Any:
@@ -180,7 +179,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
 @_options
 @click.option("--controller", type=ControllerName(), default="pid", show_default=True)
 @click.option("--scenario", "scenarios", multiple=True, default=("fig6", "fig7"), show_default=True)
-@click.option("--metric", type=click.Choice(_METRICS), default="itae", show_default=True)
+@click.option("--metric", type=click.Choice(JUDGED), default="itae", show_default=True)
 @click.option("--generations", type=click.IntRange(1, 100_000), default=20, show_default=True)
 @click.option(
     "--population",
