@@ -65,6 +65,7 @@ _FAMILIES = {
         "import": "Take over rules of MATLAB, Octave, fuzzylite.",
         "controller": "Make a controller of your own, and check it.",
         "export-c": "Write a controller as C, equal to the last bit.",
+        "export-web": "Write a scenario as a lab in one HTML file.",
     },
 }
 # Seldom needed: not on the first screen.
@@ -203,6 +204,7 @@ def _help(context: click.Context, words: tuple[str, ...], everything: bool) -> N
         "export": "exchange.export",
         "import": "exchange.import_rules",
         "export-c": "exchange.export_c",
+        "export-web": "exchange.export_web",
     },
     overview=OVERVIEW,
     options_metavar="[--version]",

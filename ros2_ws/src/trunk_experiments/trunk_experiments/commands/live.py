@@ -17,7 +17,7 @@ from trunk_msgs_util.node import middleware
 from ..console.document import json_option
 from ..console.outputs import check_not_read, output_options
 from ..console.page import checked_host, page_options, serve, serving_foxglove, show_address
-from ..console.plan_options import external_option, files_read, plan_of, plan_options
+from ..console.plan_options import HAND, external_option, files_read, plan_of, plan_options
 from ..console.terminal import report_error
 from ..errors import GatewayError, PlanError
 from ..gateway.process import GatewayProcess
@@ -33,12 +33,10 @@ from .run import show_run
 
 _REPORT = "report.html"
 _OF_THE_PAGE = ("attach", "foxglove", "host", "port", "url", "browser", "as_json")
-# Limits of a push by hand, unless a file or --set gives others: the trunk's controllers can stand these.
-_HAND = {"operator.force": 100.0, "operator.torque": 40.0}
 
 
 @click.command("live")
-@partial(plan_options, required=False, several=True)
+@partial(plan_options, required=False, several=("fuzzy_pid",))
 @external_option
 @output_options(
     "Folder for the recording, parameters and logs.  [default: runs/TIME_SCENARIO_CONTROLLER]",
@@ -110,7 +108,7 @@ def command(
         **options,
         extra=everywhere,
         standby=others,
-        below=_HAND,
+        below=HAND,
     )
     if output is not None:
         for file in (*RunFiles(output).all, output / _REPORT):

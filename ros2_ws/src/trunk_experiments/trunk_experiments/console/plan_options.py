@@ -17,6 +17,10 @@ from .options import Function, Name, Number, names_or_files, parameter_files, sc
 from .terminal import show_warnings
 
 
+# Limits of a push by hand, unless a file or --set gives others: the trunk's controllers can stand these.
+HAND = {"operator.force": 100.0, "operator.torque": 40.0}
+
+
 class ControllerName(Name):
     """The name of a controller that can be used here; for any other, the error says why it cannot."""
 
@@ -53,19 +57,25 @@ def push_option(function: Function) -> Function:
     )(function)
 
 
-def plan_options(function: Function, required: bool = True, several: bool = False) -> Function:
-    """Add the argument and options from which `plan_of` makes a plan; ``several``: controllers."""
+def plan_options(
+    function: Function,
+    required: bool = True,
+    several: tuple[str, ...] = (),
+    of_several: str = "The first one acts, the others stand by; repeatable.",
+) -> Function:
+    """Add the argument and options from which `plan_of` makes a plan.
+
+    ``several``: the default of a verb that takes several controllers, and what it says ``of_several``.
+    """
     options = [
         click.argument("scenario", required=required, shell_complete=names_or_files(scenarios)),
         click.option(
             "--controller",
-            default=["fuzzy_pid"] if several else "fuzzy_pid",
+            default=list(several) or "fuzzy_pid",
             show_default=True,
             type=ControllerName(),
-            multiple=several,
-            help="The first one acts, the others stand by; repeatable."
-            if several
-            else "The controller node.",
+            multiple=bool(several),
+            help=of_several if several else "The controller node.",
         ),
         click.option(
             "--params",

@@ -44,9 +44,14 @@ def check_plan(plan: RunPlan) -> None:
             raise PlanError(f"{name}.active.times: in a lab each controller acts alone, all the time")
 
 
-def lab_of(plans: Mapping[str, RunPlan], commands: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+def lab_of(
+    plans: Mapping[str, RunPlan],
+    commands: Mapping[str, Sequence[str]],
+    chosen: Sequence[str] = (),
+) -> dict[str, Any]:
     """Return the data of a lab: by controller, a plan with it alone, and the words of its command.
 
+    ``chosen``: NODE.PARAM of the knobs; none: all parameters that can be knobs are.
     Raises PlanError for what a lab cannot compute, UntranslatableError for a law outside of the subset.
     """
     for plan in plans.values():
@@ -59,6 +64,8 @@ def lab_of(plans: Mapping[str, RunPlan], commands: Mapping[str, Sequence[str]]) 
             if node not in knobs and node not in _NOT_SHOWN:
                 knobs[node] = search.of(node)
         _check_places(first, plan, name)
+    if chosen:
+        _choose(knobs, chosen)
     programs = {}
     for name, plan in plans.items():
         program = LabProgram(plan, name)
@@ -90,6 +97,25 @@ def lab_of(plans: Mapping[str, RunPlan], commands: Mapping[str, Sequence[str]]) 
         "commands": {name: list(words) for name, words in commands.items()},
         "programs": programs,
     }
+
+
+def _choose(knobs: Mapping[str, NodeKnobs], chosen: Sequence[str]) -> None:
+    """Leave only the chosen knobs. Raises PlanError for one that cannot be."""
+    for text in chosen:
+        node, _, name = text.partition(".")
+        if node not in knobs:
+            raise PlanError(f"--knob {text}: NODE.PARAM, with a node of {', '.join(knobs)}, is needed")
+        if name not in knobs[node].knobs:
+            reason = knobs[node].refused.get(name, "there is no such parameter")
+            others = ", ".join(f"{node}.{other}" for other in knobs[node].knobs)
+            raise PlanError(f"--knob {text}: {reason}; knobs can be {others}")
+    for node, found in knobs.items():
+        for name in [name for name in found.knobs if f"{node}.{name}" not in chosen]:
+            del found.knobs[name]
+            found.refused[name] = "not chosen"
+        found.orders = [
+            order for order in found.orders if {order.less, order.more} & found.knobs.keys()
+        ]
 
 
 def _config_of(plans: Mapping[str, RunPlan], node: str) -> Any:

@@ -1,0 +1,101 @@
+"""``trunk export-web``: a scenario as a lab in one HTML file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trunk_msgs_util.parameters.declarations import values_of
+
+from ...console.document import json_option, write_json
+from ...console.outputs import check_output, output_options
+from ...console.plan_options import HAND, files_read, plan_of, plan_options, push_option
+from ...errors import PlanError
+from ...plans.files import parse_setting
+from ...plans.plan import RunPlan
+
+_OF_SEVERAL = "A controller of the lab; they run side by side, each on a trunk of its own; repeatable."
+
+
+@click.command("export-web")
+@partial(plan_options, several=("pid", "fuzzy_pid"), of_several=_OF_SEVERAL)
+@push_option
+@click.option(
+    "--knob",
+    "chosen",
+    multiple=True,
+    metavar="NODE.PARAM",
+    help="A parameter that the page can change; repeatable.  [default: all that can be]",
+)
+@output_options("The HTML file to write.", required=True)
+@json_option("export-web-1")
+def command(
+    output: Path,
+    force: bool,
+    chosen: tuple[str, ...],
+    as_json: bool,
+    swaps: Sequence[str],
+    **options: Any,
+) -> None:
+    """Write SCENARIO as a lab: one HTML file that runs it in a browser, with the bits of trunk simulate.
+
+    It needs no server and asks no host for anything. Needs clang and lld here, and nothing there.
+    """
+    from ...lab.data import lab_of
+    from ...lab.page import write
+
+    check_output(output, (".html",), force, files_read(options))
+    if swaps:
+        raise PlanError("--swap-at: in a lab each controller acts alone, all the time: leave it out")
+    controllers: tuple[str, ...] = tuple(dict.fromkeys(options.pop("controller")))
+    plans, commands = {}, {}
+    for name in controllers:
+        plans[name], commands[name] = _plan(name, controllers, options)
+    lab = lab_of(plans, commands, chosen)
+    size = write(lab, output)
+    knobs = [f"{node}.{name}" for node, names in lab["knobs"].items() for name in names]
+    if as_json:
+        values = {
+            "file": output,
+            "bytes": size,
+            "scenario": lab["scenario"],
+            "controllers": controllers,
+            "states": lab["states"],
+            "knobs": knobs,
+            "commands": commands,
+        }
+        write_json("export-web-1", values)
+        return
+    click.echo(
+        f"{output}: {lab['scenario']}, {', '.join(controllers)}, {len(knobs)} knobs, "
+        f"{size / 1000:.0f} kB; open it in a browser"
+    )
+
+
+def _plan(
+    name: str, controllers: Sequence[str], options: dict[str, Any]
+) -> tuple[RunPlan, list[str]]:
+    """Return the plan with one of the controllers, and the words of the command that runs it."""
+    others = {other for other in controllers if other != name}
+    settings = [text for text in options["settings"] if not _nodes_of(text) <= others]
+    own = {**options, "settings": settings}
+    plan = plan_of(controller=name, below=HAND, **own)
+    without = plan_of(controller=name, **own)
+    before, after = values_of(without.simulator), values_of(plan.simulator)
+    hand = [f"simulator.{key}={after[key]!r}" for key in HAND if after[key] != before[key]]
+    words = ["trunk", "simulate", options["scenario"], "--controller", name]
+    for option, values in (("--params", options["params"]), ("--set", [*settings, *hand])):
+        words += [word for value in values for word in (option, value)]
+    words += [word for push in options["pushes"] for word in ("--push", push)]
+    for option in ("duration", "rate"):
+        if options[option] is not None:
+            words += [f"--{option}", repr(options[option])]
+    return plan, words
+
+
+def _nodes_of(setting: str) -> set[str]:
+    return {section.pattern for section in parse_setting(setting).sections}

@@ -1,0 +1,26 @@
+// node run.mjs ASSETS FOLDER: experiments.json of lab.json, computed; tables to tables.bin, the rest to stdout.
+import { closeSync, openSync, readFileSync, writeSync } from "node:fs";
+import { join } from "node:path";
+
+const [assets, folder] = process.argv.slice(2);
+const text = (name) => readFileSync(join(assets, name), "utf8").replace('"use strict";', "");
+const { openEngine } = new Function(`${text("random_bits.js")}\n${text("engine.js")}\nreturn { openEngine };`)();
+const json = (name) => JSON.parse(readFileSync(join(folder, name), "utf8"));
+const lab = json("lab.json");
+const engines = {};
+for (const name of lab.controllers) engines[name] = await openEngine(lab, name);
+const tables = openSync(join(folder, "tables.bin"), "w");
+const results = json("experiments.json").map(([name, setup]) => {
+    const engine = engines[name];
+    try {
+        engine.begin(setup);
+    } catch (error) {
+        return { error: error.message };
+    }
+    engine.advance(lab.states);
+    const { count, width, ended, falls } = engine;
+    writeSync(tables, new Uint8Array(engine.table.buffer, 0, 8 * count * width));
+    return { count, width, ended, falls, metrics: engine.metrics(), ahead: Array.from(engine.ahead) };
+});
+closeSync(tables);
+console.log(JSON.stringify(results));
