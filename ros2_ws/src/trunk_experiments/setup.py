@@ -35,6 +35,7 @@ setup(
             "templates/controller/*/*/*.in",
             "gateway/page/*",
             "parts/*.css",
+            "parts/*.j2",
             "parts/*.js",
             "parts/vendor/*",
             "views/report_assets/*",

@@ -16,7 +16,7 @@ from .gateway_served import serving, words
 
 def test_the_page_is_served_with_headers_that_let_nothing_in():
     async def test(served):
-        for path in ("/", "/style.css", "/page.js", "/uplot.js"):
+        for path in ("/", "/style.css", "/page.js", "/uPlot.iife.min.js"):
             found = await served.get(path)
             assert found.code == 200
             assert found.body == page_files()[path].data

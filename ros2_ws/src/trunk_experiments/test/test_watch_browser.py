@@ -151,7 +151,7 @@ def test_hostile_words_stay_text(watched, hostile_run):
     page.evaluate("() => document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     page.wait_for_function("() => known.plant.count > 0")
     assert page.evaluate("() => document.images.length") == 0
-    assert page.evaluate("() => document.scripts.length") == 14
+    assert page.evaluate("() => document.scripts.length") == 17
 
 
 def test_a_broken_file_is_refused_before_anything_is_served(tmp_path):

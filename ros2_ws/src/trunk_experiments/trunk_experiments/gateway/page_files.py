@@ -6,32 +6,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
-_PACKAGE = __package__.partition(".")[0]
-# Path of the address -> folder and name of the file: the page's own, and parts that other pages share.
-_PAGE = {
-    "/": "gateway/page/index.html",
-    **{f"/{name}": f"gateway/page/{name}" for name in ("wire.js", "health.js")},
-    **{
-        f"/{name}": f"parts/{name}"
-        for name in (
-            "style.css",
-            "page.css",
-            "numbers.js",
-            "keys.js",
-            "stage.js",
-            "store.js",
-            "scene.js",
-            "grip.js",
-            "charts.js",
-            "edits.js",
-            "rules.js",
-            "knobs.js",
-            "page.js",
-        )
-    },
-    "/uplot.js": "parts/vendor/uPlot.iife.min.js",
-    "/uplot.css": "parts/vendor/uPlot.min.css",
-}
+from ..parts.inline import part
+from ..parts.page import STYLES, page, scripts
+
+_OWN = ("wire.js", "health.js", "live.js")
+_SCRIPTS = scripts(feed=["wire.js"], own=["health.js", "live.js"])
 _KINDS = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -48,11 +27,27 @@ class PageFile(NamedTuple):
 
 def page_files() -> dict[str, PageFile]:
     """Return the page's files by path."""
-    root = files(_PACKAGE)
-    return {
-        path: PageFile(_KINDS[Path(name).suffix], root.joinpath(name).read_bytes())
-        for path, name in _PAGE.items()
+    own = files(__package__) / "page"
+    html = page(
+        "Trunk, live",
+        "\n".join(f'<link rel="stylesheet" href="{_path(name)}">' for name in STYLES),
+        "\n".join(f'<script src="{_path(name)}"></script>' for name in _SCRIPTS),
+    )
+    texts = {
+        name: (own / name).read_text(encoding="utf-8") if name in _OWN else part(name)
+        for name in (*STYLES, *_SCRIPTS)
     }
+    return {
+        "/": PageFile(_KINDS[".html"], html.encode()),
+        **{
+            _path(name): PageFile(_KINDS[Path(name).suffix], text.encode())
+            for name, text in texts.items()
+        },
+    }
+
+
+def _path(name: str) -> str:
+    return f"/{Path(name).name}"
 
 
 def report_file(path: Path) -> PageFile:

@@ -9,13 +9,13 @@ const strips = (() => {
   const ANGLE = { scale: DEGREES };
   const KINDS = [
     { id: "angle", title: "Angle, °", of: "plant", lines: [
-      line("θ", "theta", "--run0", ANGLE),
+      line("θ", "theta", null, { ...ANGLE, several: true }),
       line("measured", "measurement", "--run5", { ...ANGLE, from: "control", dash: [2, 3], width: 1 }),
       line("reference", "reference", "--reference", { ...ANGLE, from: "control", dash: [5, 4], width: 1.2 }),
     ] },
     { id: "torque", title: "Torque, N·m", of: "plant", lines: [
-      line("τ", "torque", "--run0"),
-      line("push", "torque", "--run1", { from: "pushes", dash: [6, 2], timeout: 0.25 }),
+      line("τ", "torque", null, { several: true }),
+      line("push", "torque", "--push", { from: "pushes", dash: [6, 2], timeout: 0.25 }),
       line("limits", null, "--limit", { dash: [2, 3], width: 1.2, bound: 1 }),
       line("", null, "--limit", { dash: [2, 3], width: 1.2, bound: -1 }),
     ] },
@@ -37,9 +37,23 @@ const strips = (() => {
     return [values.u_clamp_max, values.u_clamp_min];
   }).filter(Number.isFinite);
 
-  // The rows of a store between two times, at most two for each bucket.
-  const window = (kind, from, to) => {
-    const store = known[kind.of];
+  // The lines of a chart: of what has several, the other runs' beside the shown one's, and what was before a branch.
+  const linesOf = (kind) => kind.lines.flatMap((one) => {
+    if (!one.several) return [one];
+    const { runs, shown } = known;
+    const named = (run, more) => ({ ...one, label: `${one.label} ${run.name}`.trim(), ...more });
+    return [
+      ...(runs[shown].before ? [named(runs[shown], { color: "--soft", width: 1, label: `${one.label} before the branch`, of: () => known.runs[shown].before?.plant })] : []),
+      ...runs.flatMap((run, index) => (index === shown ? [] : [named(run, { color: `--run${index % 8}`, width: 1.3, of: () => run.plant })])),
+      named(runs[shown], { color: `--run${shown % 8}` }),
+    ];
+  });
+
+  // The rows between two times, at most two for each bucket; the runs have the same times, as far as they come.
+  const window = (chart, from, to) => {
+    const { kind, lines } = chart;
+    const stores = kind.of === "plant" ? known.runs.map((run) => run.plant) : [known[kind.of]];
+    const store = stores.reduce((longest, one) => (one.count > longest.count ? one : longest));
     const first = Math.max(0, store.row(from));
     const end = store.row(to) + 1;
     const count = Math.max(0, end - first);
@@ -51,7 +65,7 @@ const strips = (() => {
       const bucket = size === 1 ? first + i : first + (i >> 1) * size + (i & 1 ? size >> 1 : 0);
       t[i] = times[Math.min(bucket, end - 1)];
     }
-    return [t, ...kind.lines.map((one) => values(one, store, { first, end, size, rows, t }))];
+    return [t, ...lines.map((one) => values(one, one.of?.() ?? known[kind.of], { first, end, size, rows, t }))];
   };
   const values = (one, store, { first, end, size, rows, t }) => {
     const found = new Float64Array(rows).fill(NaN);
@@ -75,12 +89,12 @@ const strips = (() => {
     const column = store.columns.get(one.column);
     if (!column) return found;
     if (size === 1) {
-      for (let i = 0; i < rows; i++) found[i] = column[first + i] * factor;
+      for (let i = 0; i < rows && first + i < store.count; i++) found[i] = column[first + i] * factor;
       return found;
     }
     for (let i = 0; i < rows; i += 2) {
       const begin = first + (i >> 1) * size;
-      const stop = Math.min(begin + size, end);
+      const stop = Math.min(begin + size, end, store.count);
       let low = Infinity;
       let high = -Infinity;
       for (let k = begin; k < stop; k++) {
@@ -108,66 +122,84 @@ const strips = (() => {
     const caption = document.createElement("figcaption");
     const title = document.createElement("strong");
     title.textContent = kind.title;
-    caption.append(title);
-    const keys = kind.lines.map((one) => {
-      const key = document.createElement("span");
-      key.className = "key";
-      const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-      svg.setAttribute("width", "26");
-      svg.setAttribute("height", "8");
-      svg.setAttribute("aria-hidden", "true");
-      const stroke = document.createElementNS("http://www.w3.org/2000/svg", "line");
-      for (const [name, value] of Object.entries({ x1: 0, x2: 26, y1: 4, y2: 4, "stroke-width": 2 })) stroke.setAttribute(name, value);
-      if (one.dash) stroke.setAttribute("stroke-dasharray", one.dash.join(" "));
-      svg.append(stroke);
-      const text = document.createElement("span");
-      key.append(svg, text);
-      if (one.label) caption.append(key);
-      return { one, stroke, text };
-    });
     const target = document.createElement("div");
     target.className = "strip";
     figure.append(caption, target);
     place.append(figure);
-    const chart = { kind, figure, target, keys, plot: null, seen: true };
+    const chart = { kind, figure, caption, title, target, lines: [], keys: [], of: "", plot: null, seen: true };
     new IntersectionObserver(([entry]) => { chart.seen = entry.isIntersecting; }).observe(target);
     build(chart);
     new ResizeObserver(() => chart.plot.setSize({ width: target.clientWidth, height: target.clientHeight })).observe(target);
+    const seek = (event) => {
+      if (!known.recorded || !event.buttons) return;
+      const at = chart.plot.posToVal(event.clientX - chart.plot.over.getBoundingClientRect().left, "x");
+      view.seek(Math.min(known.recorded.last, Math.max(known.recorded.first, at)));
+    };
+    target.addEventListener("pointerdown", seek);
+    target.addEventListener("pointermove", seek);
     return chart;
   };
+  const keyOf = (one) => {
+    const key = document.createElement("span");
+    key.className = "key";
+    const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    svg.setAttribute("width", "26");
+    svg.setAttribute("height", "8");
+    svg.setAttribute("aria-hidden", "true");
+    const stroke = document.createElementNS("http://www.w3.org/2000/svg", "line");
+    const more = one.dash ? { "stroke-dasharray": one.dash.join(" ") } : {};
+    for (const [name, value] of Object.entries({ x1: 0, x2: 26, y1: 4, y2: 4, "stroke-width": 2, stroke: cssColor(one.color), ...more }))
+      stroke.setAttribute(name, value);
+    svg.append(stroke);
+    const text = document.createElement("span");
+    key.append(svg, text);
+    return { one, key, text };
+  };
+  // What a chart's lines depend on, besides the numbers.
+  const composition = () => `${known.shown} ${known.runs.map(({ name, before }) => `${name} ${Boolean(before)}`).join()}`;
   const build = (chart) => {
     chart.plot?.destroy();
+    chart.of = composition();
+    chart.lines = linesOf(chart.kind);
+    chart.keys = chart.lines.filter((one) => one.label).map(keyOf);
+    chart.caption.replaceChildren(chart.title, ...chart.keys.map(({ key }) => key));
     const axis = { stroke: cssColor("--ink"), grid: { stroke: cssColor("--grid"), width: 1 }, ticks: { stroke: cssColor("--rule"), width: 1 }, font: "12px system-ui, sans-serif" };
     chart.plot = new uPlot({
       width: Math.max(chart.target.clientWidth, 60), height: chart.target.clientHeight, padding: [8, 8, 0, 0],
       scales: { x: { time: false, auto: false }, y: { range: (_, low, high) => spread(low, high) } },
       axes: [{ ...axis, size: 28 }, { ...axis, size: 52 }],
       legend: { show: false }, cursor: { show: false }, hooks: { draw: [marks] },
-      series: [{}, ...chart.kind.lines.map((one) => ({
+      series: [{}, ...chart.lines.map((one) => ({
         stroke: cssColor(one.color), width: one.width ?? 1.8, dash: one.dash, points: { show: false },
       }))],
-    }, [[], ...chart.kind.lines.map(() => [])], chart.target);
-    for (const { one, stroke } of chart.keys) stroke.setAttribute("stroke", cssColor(one.color));
+    }, [[], ...chart.lines.map(() => [])], chart.target);
   };
-  // A fall is a moment: a line across the charts.
+  // A fall is a moment: a line across the charts. So are the time that is shown of a whole run, and where a branch begins.
   const marks = (plot) => {
     const { left, top, width, height } = plot.bbox;
     const { ctx } = plot;
-    ctx.save();
-    ctx.strokeStyle = ctx.fillStyle = cssColor("--limit");
-    ctx.lineWidth = devicePixelRatio;
-    ctx.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
-    ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
-    ctx.textAlign = "left";
-    for (const { event, t } of known.events) {
+    const ratio = devicePixelRatio;
+    const mark = (t, color, words, line) => {
       const x = Math.round(plot.valToPos(t, "x", true)) + 0.5;
-      if (event !== "fell" || x < left || x > left + width) continue;
+      if (x < left || x > left + width) return;
+      ctx.strokeStyle = ctx.fillStyle = cssColor(color);
+      ctx.setLineDash([2 * ratio, 3 * ratio]);
+      if (words === null) ctx.setLineDash([]);
       ctx.beginPath();
       ctx.moveTo(x, top);
       ctx.lineTo(x, top + height);
       ctx.stroke();
-      ctx.fillText("fell", x + 3 * devicePixelRatio, top + 11 * devicePixelRatio);
-    }
+      if (words) ctx.fillText(words, x + 3 * ratio, top + (11 + 13 * line) * ratio);
+    };
+    ctx.save();
+    ctx.lineWidth = ratio;
+    ctx.font = `${11 * ratio}px system-ui, sans-serif`;
+    ctx.textAlign = "left";
+    if (known.branch) mark(known.branch.at, "--branch", "branch", known.runs.length);
+    known.runs.forEach((run, index) => {
+      for (const { event, t } of run.events) if (event === "fell") mark(t, "--limit", run.name ? `${run.name} fell` : "fell", index);
+    });
+    if (known.recorded) mark(view.time, "--accent", null);
     ctx.restore();
   };
   const spread = (low, high) => {
@@ -184,16 +216,17 @@ const strips = (() => {
 
   const draw = (time) => {
     for (const kind of wantedKinds()) if (!made.has(kind.id)) made.set(kind.id, make(kind));
-    const from = Math.max(time - view.window, 0);
+    const { from, until, to } = view.range(time);
     for (const chart of made.values()) {
+      if (chart.of !== composition()) build(chart);
       if (!chart.seen) continue;
-      const [t, ...columns] = window(chart.kind, from, time);
+      const [t, ...columns] = window(chart, from, until);
       chart.plot.batch(() => {
         chart.plot.setData([t, ...columns.map(gaps)], false);
-        chart.plot.setScale("x", { min: from, max: from + view.window });
+        chart.plot.setScale("x", { min: from, max: to });
       });
       for (const { one, text } of chart.keys) {
-        const store = known[one.from ?? chart.kind.of];
+        const store = one.of?.() ?? known[one.from ?? chart.kind.of];
         const value = one.column ? store.value(one.column, store.row(time)) * (one.scale ?? 1) : NaN;
         const words = one.column && !one.timeout ? `${one.label} ${showNumber(value, 4)}` : one.label;
         if (text.textContent !== words) text.textContent = words;

@@ -8,6 +8,7 @@ const grip = (() => {
   const KNOCK_MS = 120;
   const SOFT = 0.3; // of the most, with a key
   let held = null; // "trunk", "hip" or "reference"
+  let pane = 0; // whose trunk
   let pointer = [0, 0];
   let down = null; // where and when
   let keys = 0;
@@ -16,7 +17,8 @@ const grip = (() => {
   let last = { force: 0, torque: 0 };
 
   const most = () => known.world?.operator ?? { force: 0, torque: 0 };
-  const may = () => known.control_allowed && !known.recorded && !view.frozen;
+  const may = () => known.control_allowed && !view.stands();
+  const places = () => scene.panes[pane]?.places;
   const clip = (value, bound) => Math.max(-bound, Math.min(bound, value));
   const away = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
   const place = (event) => {
@@ -28,7 +30,7 @@ const grip = (() => {
 
   // A spring from the trunk to the pointer: the whole torque at 30 degrees, damped a little.
   const wanted = () => {
-    const at = scene.places();
+    const at = places();
     const bound = most();
     if (knock && performance.now() < knock.until) return { force: 0, torque: knock.torque };
     knock = null;
@@ -41,17 +43,22 @@ const grip = (() => {
   };
 
   canvas.addEventListener("pointerdown", (event) => {
-    const at = scene.places();
-    if (!at || !may()) return;
+    if (!places() || !known.control_allowed || view.frozen) return;
+    view.freeze(false); // a push is a push of a run that goes on
     pointer = place(event);
     down = { at: pointer, since: performance.now() };
     const bound = most();
-    const along = [(at.hip[0] + at.tip[0]) / 2, (at.hip[1] + at.tip[1]) / 2];
-    const handles = [
-      ["reference", scene.ring()], ...(bound.torque ? [["trunk", at.tip], ["trunk", along]] : []), ...(bound.force ? [["hip", at.hip]] : []),
-    ].map(([what, where]) => [what, away(pointer, where)]).filter(([, distance]) => distance <= REACH);
+    const handles = scene.panes.flatMap(({ places: at }, index) => {
+      if (!at) return [];
+      const along = [(at.hip[0] + at.tip[0]) / 2, (at.hip[1] + at.tip[1]) / 2];
+      const ring = scene.ring(index);
+      return [
+        ...(ring ? [["reference", ring]] : []), ...(bound.torque ? [["trunk", at.tip], ["trunk", along]] : []), ...(bound.force ? [["hip", at.hip]] : []),
+      ].map(([what, where]) => [what, away(pointer, where), index]);
+    });
     handles.sort((a, b) => a[1] - b[1]);
-    held = handles[0]?.[0] ?? null;
+    pane = handles[0]?.[2] ?? 0;
+    held = handles[0]?.[1] <= REACH ? handles[0][0] : null;
     canvas.setPointerCapture(event.pointerId);
     canvas.classList.toggle("held", held !== null);
     canvas.focus();
@@ -59,7 +66,7 @@ const grip = (() => {
   });
   canvas.addEventListener("pointermove", (event) => { if (down) pointer = place(event); });
   const release = (event) => {
-    const at = scene.places();
+    const at = places();
     if (down && at && event.type === "pointerup" && held !== "reference") {
       const short = performance.now() - down.since < TAP_MS && away(pointer, down.at) <= 6;
       if (short && may()) {
@@ -74,13 +81,14 @@ const grip = (() => {
   canvas.addEventListener("pointercancel", release);
   const STEP = 2 / DEGREES; // of the reference, by a key
   const key = (event, sign) => {
-    if (sign && may() && (event.key === "ArrowUp" || event.key === "ArrowDown")) {
+    if (sign && may() && !known.recorded && (event.key === "ArrowUp" || event.key === "ArrowDown")) {
       event.preventDefault();
       const now = known.control.value("reference", known.control.count - 1) || 0;
       wire.send("reference", { angle: now + (event.key === "ArrowUp" ? STEP : -STEP) });
     }
-    if (event.key !== "ArrowLeft" && event.key !== "ArrowRight") return;
+    if (!known.control_allowed || (event.key !== "ArrowLeft" && event.key !== "ArrowRight")) return;
     event.preventDefault();
+    if (sign && known.recorded) view.freeze(false);
     hard = event.shiftKey;
     keys = sign * (event.key === "ArrowRight" ? 1 : -1);
   };
@@ -95,7 +103,7 @@ const grip = (() => {
     turn: () => {
       if (performance.now() - asked < EVERY_MS) return;
       asked = performance.now();
-      const at = scene.places();
+      const at = places();
       if (!at || !may()) {
         if (last.force || last.torque) wire.send("push", { force: 0, torque: 0, stamp: 0 });
         held = down = knock = null;
@@ -119,7 +127,7 @@ const grip = (() => {
       return "none";
     },
     line: () => {
-      const at = scene.places();
+      const at = places();
       if (held === "trunk") return [at.tip, pointer];
       if (held === "hip") return [at.hip, pointer];
       return null;

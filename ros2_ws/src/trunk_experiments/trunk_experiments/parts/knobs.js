@@ -4,7 +4,6 @@
 const knobs = (() => {
   const place = document.getElementById("knobs");
   const gains = document.getElementById("gains");
-  const EVERY_MS = 120; // a slider that is dragged asks no more often
   const made = new Map(); // "node parameter", and "gain node parameter" -> knob
   const groups = new Map();
   const find = document.createElement("input");
@@ -73,8 +72,8 @@ const knobs = (() => {
     code.append(...name.split(/(?<=[._])/).flatMap((part) => [part, document.createElement("wbr")]));
     label.append(code);
     const unit = element("span", "sub unit", about.unit);
-    const whole = `${about.description}; ${about.allowed}${about.fixed ? "; fixed at start" : ""}`;
-    const words = element("p", "about", gain ? about.description : whole);
+    const whole = `${about.description}; ${about.allowed}${about.fixed && !about.refused ? "; fixed at start" : ""}`;
+    const words = element("p", "about");
     words.id = `${id}-about`;
     words.title = gain ? whole : "";
     const refused = element("p", "refused");
@@ -96,7 +95,7 @@ const knobs = (() => {
       input = document.createElement("input");
       input.type = number ? "number" : "text";
       if (number) input.step = about.kind === "integer" ? "1" : "any";
-      if (number && !about.fixed) {
+      if (number && !about.fixed && !about.refused) {
         slider = document.createElement("input");
         slider.type = "range";
         slider.setAttribute("aria-label", gain ? `Gain ${name}` : `${node} ${name}`);
@@ -121,7 +120,7 @@ const knobs = (() => {
         const { ok, text: why } = await edits.set(node, values, gesture);
         refused.textContent = ok ? "" : why;
         if (!ok) update(value);
-        await new Promise((done) => setTimeout(done, EVERY_MS));
+        await new Promise((done) => setTimeout(done, wire.EVERY_MS));
       }
       asking = false;
     };
@@ -131,7 +130,7 @@ const knobs = (() => {
       input.value = slider.value;
       ask(Number(slider.value));
     });
-    slider?.addEventListener("change", () => setTimeout(() => { gesture = null; }, 2 * EVERY_MS));
+    slider?.addEventListener("change", () => setTimeout(() => { gesture = null; }, 2 * wire.EVERY_MS));
     reset.addEventListener("click", () => ask(about.default));
     input.addEventListener("change", () => {
       if (typed && input.value === text(value)) return;
@@ -164,7 +163,10 @@ const knobs = (() => {
       if (slider) range();
     };
     const allow = () => {
-      const no = about.fixed || !known.control_allowed || Boolean(known.recorded);
+      const why = about.refused ? `no knob here: ${about.refused}` : about.start && known.branch ? "only of a whole run, not of a branch" : "";
+      words.textContent = [gain ? about.description : whole, ...(why ? [why] : [])].join("; ");
+      box.toggleAttribute("data-refused", Boolean(why));
+      const no = about.fixed || Boolean(why) || !known.control_allowed;
       input.disabled = no;
       if (slider) slider.disabled = no;
     };

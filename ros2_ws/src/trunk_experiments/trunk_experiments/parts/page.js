@@ -1,22 +1,15 @@
 "use strict";
-// Which time is shown, the buttons, and one picture after the other.
-const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, frames: 0 };
-(() => {
+// Which time is shown, the buttons of the view, and one picture after the other.
+const view = (() => {
   const at = (id) => document.getElementById(id);
-  const LOST = "the gateway does not answer: the page keeps trying; the run goes on";
   const CHARTS_MS = 40; // charts are drawn less often than the trunk
+  const LONGEST_S = 0.1; // between two pictures: a page in the background does not jump
+  const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
   let before = null;
   let charted = 0;
-  let runs = null; // that have been started, as far as the gateway knows
+  const view = { time: 0, window: 20, frozen: false, playing: !still, speed: 1, frames: 0 };
 
   // ── words ────────────────────────────────────────────────────────────────────────────────────────────
-  const link = (state) => {
-    at("link").textContent = { open: "connected", closed: "no connection" }[state];
-    at("link").dataset.state = state;
-    const lost = known.run.ended || known.recorded ? "the server of this page has ended" : LOST;
-    if (state === "closed") alarm.say(lost, LOST);
-    else alarm.clear(LOST);
-  };
   const controllers = () => {
     const place = at("controllers");
     const names = [...known.nodes.values()].filter((node) => node.controller).map((node) => node.name).sort();
@@ -30,8 +23,7 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
         input.name = "acts";
         input.value = name;
         input.addEventListener("change", async () => {
-          const { ok, text } = await wire.ask("swap", { to: name });
-          if (!ok) alarm.say(text);
+          await view.ask("swap", { to: name });
           controllers();
         });
         label.append(input, name);
@@ -45,43 +37,14 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
       input.disabled = !known.control_allowed;
       label.toggleAttribute("data-acts", acts);
     }
-    if (known.run.started && !known.run.ended && names.length && !known.run.acting.length) at("mode").textContent = "no controller acts";
-    else at("mode").textContent = mode();
   };
-  const mode = () => {
-    if (known.recorded) return `recording ${known.recorded.file}${known.recorded.complete ? "" : `, incomplete: ${known.recorded.end}`}`;
-    if (known.run.ended) return "the run has ended";
-    if (!known.run.started) return "waiting for the run to start";
-    const pace = known.world?.lockstep ? "lock-step" : "real time";
-    return `${known.run.paused ? "paused, " : ""}${pace}, ${known.world?.rate ?? ""} Hz`;
-  };
-  const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
-  const speeds = () => {
-    const select = at("lockstep-speed");
-    at("speed-label").hidden = !known.world?.lockstep;
-    if (!select.options.length) for (const speed of SPEEDS) select.add(new Option(`${speed}×`, speed));
-    const now = known.nodes.get("simulator")?.parameters["lockstep.speed"];
-    if (now !== undefined && document.activeElement !== select) select.value = String(now);
-  };
-  at("lockstep-speed").addEventListener("change", async ({ target }) => {
-    const { ok, text } = await wire.ask("set", { node: "simulator", values: { "lockstep.speed": Number(target.value) } });
-    if (!ok) alarm.say(text);
-  });
   wire.listen((kind, values) => {
-    if (kind === "link") link(values);
-    else if (kind === "refused") alarm.say(values);
+    if (kind === "refused") alarm.say(values);
     else if (kind === "hello") {
       document.body.dataset.may = values.control ? "control" : "watch";
-      document.body.dataset.feed ??= "graph";
-      health.anew();
-      runs = null;
+      knobs.showAll();
     } else if (kind === "recorded") {
-      document.body.dataset.feed = "recorded";
-      for (const store of [known.plant, known.control, known.pushes]) store.forget = false;
       view.time = values.first;
-      at("title").textContent = values.file;
-      document.title = values.file;
-      if (!values.complete) alarm.say(`incomplete: ${values.end}`);
       label();
       controllers();
       knobs.showGains();
@@ -89,85 +52,47 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
       if (kind === "node") controllers();
       knobs.show(values.name);
       rules.show();
-      speeds();
       edits.show();
     } else if (kind === "run" || kind === "world") {
-      at("pause").textContent = known.run.paused ? "Resume run" : "Pause run";
       controllers();
       rules.show();
       knobs.showGains();
-      speeds();
-    } else if (kind === "health") health.diagnosed(values);
-    else if (kind === "events") {
-      const begun = known.events.filter(({ event }) => event === "started").length;
-      if (runs !== null && begun > runs) for (const store of [known.plant, known.control, known.pushes]) store.clear();
-      runs = begun;
-      health.events();
     }
-    else if (kind === "gateway") {
-      health.served();
-      at("stop").hidden = !known.gateway.stoppable;
-      if (known.gateway.report) location.assign(known.gateway.report);
-    }
-    if (kind === "hello") knobs.showAll();
   });
 
   // ── buttons ──────────────────────────────────────────────────────────────────────────────────────────
-  const ask = async (kind, values) => {
+  view.ask = async (kind, values) => {
     const { ok, text } = await wire.ask(kind, values);
     if (!ok) alarm.say(text);
+    return ok;
   };
-  at("pause").addEventListener("click", () => ask("pause", { on: !known.run.paused }));
-  at("reset").addEventListener("click", () => ask("reset"));
-  at("stop").addEventListener("click", () => {
-    at("stop").disabled = true;
-    at("mode").textContent = "ending the run; its report will open here";
-    ask("stop");
-  });
-  at("window").addEventListener("change", ({ target }) => { view.window = Number(target.value); });
-  at("play-speed").addEventListener("change", ({ target }) => { view.speed = Number(target.value); });
-  const freeze = (on) => {
+  view.stands = () => (known.recorded ? !view.playing : view.frozen);
+  view.freeze = (on) => {
+    if (!on && known.recorded && view.stands() && view.time >= known.recorded.last) view.time = known.recorded.first;
     if (known.recorded) view.playing = !on;
     else view.frozen = on;
     label();
   };
-  const label = () => { at("play").textContent = known.recorded ? (stands() ? "Play" : "Pause") : stands() ? "Back to live" : "Freeze view"; };
-  const stands = () => (known.recorded ? !view.playing : view.frozen);
-  at("play").addEventListener("click", () => {
-    if (known.recorded && stands() && view.time >= known.recorded.last) view.time = known.recorded.first;
-    freeze(!stands());
-  });
-  at("seek").addEventListener("input", ({ target }) => {
-    freeze(true);
-    view.time = Number(target.value);
-  });
-  // A command, not a request: the page names no files.
-  const quoted = (text) => (/^[\w./:=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`);
-  const actingAt = (time) => {
-    const acting = new Set();
-    for (const { t, node, event } of known.events) {
-      if (t > time) break;
-      if (event === "activated") acting.add(node);
-      if (event === "deactivated") acting.delete(node);
-    }
-    return acting;
+  view.seek = (time) => {
+    view.freeze(true);
+    view.time = time;
   };
-  at("branch").addEventListener("click", () => {
-    const file = known.recorded?.path ?? known.nodes.get("recorder")?.parameters.output ?? "RUN.mcap";
-    const others = [...known.nodes.values()].filter((node) => node.controller && !actingAt(view.time).has(node.name));
-    const controller = others[0]?.name ?? "pid";
-    at("branch-command").textContent =
-      `trunk branch ${quoted(file)} --at ${view.time.toFixed(3)} --controller ${controller} -o what_if.mcap`;
-    at("branching").hidden = false;
-    freeze(true);
-  });
-  at("branch-copy").addEventListener("click", async () => {
-    const range = document.createRange();
-    range.selectNodeContents(at("branch-command"));
-    getSelection().removeAllRanges();
-    getSelection().addRange(range);
-    await navigator.clipboard?.writeText(at("branch-command").textContent);
-  });
+  // What the charts show, in s: from, to, and until when there are curves. A whole run is there before it is played.
+  view.range = (time) => {
+    if (!known.recorded) {
+      const from = Math.max(time - view.window, 0);
+      return { from, to: from + view.window, until: time };
+    }
+    const { first, last } = known.recorded;
+    const from = Math.max(first, Math.min(time - view.window / 2, last - view.window));
+    const to = Math.min(from + view.window, last);
+    return { from, to, until: to };
+  };
+  const label = () => { at("play").textContent = known.recorded ? (view.stands() ? "Play" : "Pause") : view.stands() ? "Back to live" : "Freeze view"; };
+  at("window").addEventListener("change", ({ target }) => { view.window = Number(target.value); });
+  at("play-speed").addEventListener("change", ({ target }) => { view.speed = Number(target.value); });
+  at("play").addEventListener("click", () => view.freeze(!view.stands()));
+  at("seek").addEventListener("input", ({ target }) => view.seek(Number(target.value)));
   const tabs = [...document.querySelectorAll("[role=tab]")];
   const choose = (tab) => tabs.forEach((one) => {
     one.setAttribute("aria-selected", one === tab);
@@ -208,20 +133,19 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
     const to = timeOfKey(event, { time: view.time, finest: count > 1 ? (t[count - 1] - t[0]) / (count - 1) : 0.001, first, last });
     if (to === undefined) return;
     event.preventDefault();
-    freeze(true);
-    view.time = to;
+    view.seek(to);
   });
 
   // ── pictures ─────────────────────────────────────────────────────────────────────────────────────────
   const advance = (now) => {
-    const step = before === null ? 0 : (now - before) / 1000;
+    const step = before === null ? 0 : Math.min((now - before) / 1000, LONGEST_S);
     before = now;
     if (known.recorded) {
       if (!view.playing) return;
-      view.time += view.speed * step;
-      if (view.time > known.recorded.last) {
+      view.time = wire.reach?.(view.time + view.speed * step) ?? view.time + view.speed * step;
+      if (view.time >= known.recorded.last) {
         view.time = at("loop").checked ? known.recorded.first : known.recorded.last;
-        if (!at("loop").checked) freeze(true);
+        if (!at("loop").checked) view.freeze(true);
       }
     } else if (!view.frozen && known.plant.count) view.time = known.plant.last;
   };
@@ -247,6 +171,7 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
     view.frames += 1;
     requestAnimationFrame(paint);
   };
-  wire.open();
   requestAnimationFrame(paint);
+  return view;
 })();
+wire.open();

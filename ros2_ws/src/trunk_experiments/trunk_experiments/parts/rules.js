@@ -107,7 +107,7 @@ const rules = (() => {
     document.getElementById("rules-of").textContent = name;
     const now = known.nodes.get(name).parameters;
     const declared = known.declared.get(name);
-    const fixed = !known.control_allowed || Boolean(known.recorded);
+    const fixed = !known.control_allowed;
     let edited = 0;
     for (const { name: table, title, cells } of tables) {
       const rows = rowsOf(table).map(cellsOf);
@@ -141,22 +141,23 @@ const rules = (() => {
     const { control } = known;
     const at = control.row(time);
     const value = (name) => control.value(name, at);
-    const [row, column] = [value("row"), value("column")];
+    const fired = known.firing(at);
+    const { row, column } = fired;
     const there = Number.isFinite(row);
     for (const { cells, dot } of tables) {
       dot.hidden = !there;
       if (!there) continue;
       for (const [down, right, weight] of CORNERS) {
         const cell = cells[row + down]?.[column + right];
-        if (!cell || !(value(weight) > 0)) continue;
-        cell.style.setProperty("--weight", value(weight));
+        if (!cell || !(fired[weight] > 0)) continue;
+        cell.style.setProperty("--weight", fired[weight]);
         cell.setAttribute("data-lit", "");
         lit.push(cell);
       }
       const first = cells[row][column];
       const middle = [first.offsetLeft + first.offsetWidth / 2, first.offsetTop + first.offsetHeight / 2];
-      dot.style.left = `${middle[0] + (value("w01") + value("w11")) * first.offsetWidth}px`;
-      dot.style.top = `${middle[1] + (value("w10") + value("w11")) * first.offsetHeight}px`;
+      dot.style.left = `${middle[0] + (fired.w01 + fired.w11) * first.offsetWidth}px`;
+      dot.style.top = `${middle[1] + (fired.w10 + fired.w11) * first.offsetHeight}px`;
     }
     const gains = [["kp", "Kp"], ["ki", "Ki"], ["kd", "Kd"], ["alpha", "α"]]
       .filter(([name]) => Number.isFinite(value(name))).map(([name, title]) => `${title} ${showNumber(value(name))}`);

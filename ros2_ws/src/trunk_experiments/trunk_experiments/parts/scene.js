@@ -1,5 +1,5 @@
 "use strict";
-// The trunk at the time that is shown, and the hand that pulls it.
+// The trunks at the time that is shown, a pane for each run, and the hand that pulls one.
 const DEGREES = 180 / Math.PI;
 const FALL_S = 3; // for which the picture says that the trunk has fallen
 const RING = 1.4; // trunk's lengths from the hip to the reference's handle
@@ -8,11 +8,11 @@ const scene = (() => {
   const context = canvas.getContext("2d");
   const readout = document.getElementById("readout");
   const dark = matchMedia("(prefers-color-scheme: dark)");
-  let middle = null; // of what is shown, m
-  let places = null;
+  const NARROW = 150; // CSS pixels, less than a pane has if there is room for two rows
+  const panes = []; // of each run: `middle` of what is shown, m; `places` of hip, tip ... in the canvas
 
-  const limits = () => {
-    const bounds = known.run.acting.flatMap((name) => {
+  const limits = (run) => {
+    const bounds = (run.name ? [run.name] : known.run.acting).flatMap((name) => {
       const values = known.nodes.get(name)?.parameters ?? {};
       return [values.u_clamp_max, values.u_clamp_min].filter(Number.isFinite).map(Math.abs);
     });
@@ -26,52 +26,84 @@ const scene = (() => {
 
   const draw = (time) => {
     const size = fitCanvas(canvas, context);
-    const { plant, control, world } = known;
+    const { runs, world } = known;
+    if (!size.width || !world || runs.every(({ plant }) => plant.row(time) < 0)) return;
+    const columns = size.width / runs.length < NARROW ? Math.ceil(runs.length / 2) : runs.length;
+    const pane = { width: size.width / columns, tall: size.tall / Math.ceil(runs.length / columns) };
+    runs.forEach((run, index) => {
+      const [left, top] = [(index % columns) * pane.width, Math.floor(index / columns) * pane.tall];
+      context.save();
+      context.beginPath();
+      context.rect(left, top, pane.width, pane.tall);
+      context.clip();
+      context.translate(left, top);
+      panes[index] ??= { middle: null, places: null };
+      if (run.plant.row(time) >= 0) drawRun(run, index, time, pane, [left, top]);
+      context.restore();
+    });
+    const { places } = panes[known.shown];
+    if (!places) return;
+    if (known.control_allowed) paintHandles();
+    put("t", `${time.toFixed(2)} s`);
+    put("theta", `${showNumber(places.theta)}°`);
+    put("reference", `${showNumber(places.reference)}°`);
+    put("torque", `${showNumber(places.torque)} N·m`);
+    put("push", grip.words());
+  };
+
+  const drawRun = (run, index, time, size, [left, top]) => {
+    const { plant, control, events } = run;
     const row = plant.row(time);
-    if (!size.width || row < 0 || !world) return;
     const told = control.row(time);
     const x = plant.value("x", row);
-    const { path } = world;
+    const { path } = known.world;
     const length = path.length;
     // The hip moves about the middle of the picture before the picture moves with it.
+    let { middle } = panes[index];
     if (middle === null || Math.abs(x - middle) > 3 * length) middle = x;
     middle += Math.sign(x - middle) * Math.max(0, Math.abs(x - middle) - 1.2 * length);
     const rise = Math.abs(path.amplitude) + path.harmonics.reduce((sum, v) => sum + Math.abs(v), 0);
     const [low, high] = [-rise - 0.5 * length, rise + 1.6 * length];
-    const half = Math.max(2.6 * length, ((high - low) * size.width) / size.tall / 2);
-    const bound = limits();
+    const half = Math.max((known.runs.length > 1 ? 1.5 : 2.6) * length, ((high - low) * size.width) / size.tall / 2);
+    const bound = limits(run);
     const theta = plant.value("theta", row) * DEGREES;
     const torque = plant.value("torque", row);
     const reference = control.value("reference", told) * DEGREES;
-    const fall = known.events.findLast((event) => event.event === "fell" && event.t <= time && event.t > time - FALL_S);
-    places = paintStage(
+    const fall = events.findLast((event) => event.event === "fell" && event.t <= time && event.t > time - FALL_S);
+    const color = runColor(index);
+    const places = paintStage(
       context, size,
       {
         path, length, left: middle - half, right: middle + half, low, high,
-        travelled: null, color: cssColor("--run0"), fullTorque: Number.isFinite(bound) ? bound : 100,
+        travelled: null, color, fullTorque: Number.isFinite(bound) ? bound : 100,
       },
       {
         x, theta, measured: control.value("measurement", told) * DEGREES, reference, torque,
         pulse: null, fell: fall ? fall.t : null,
       },
     );
-    places.theta = theta;
-    places.rate = plant.value("theta_dot", row);
-    if (known.control_allowed && !known.recorded) paintHandles();
-    put("t", `${time.toFixed(2)} s`);
-    put("theta", `${showNumber(theta)}°`);
-    put("reference", `${showNumber(reference)}°`);
-    put("torque", `${showNumber(torque)} N·m`);
-    put("push", grip.words());
+    if (known.runs.length > 1) paintName(run, color, size, index === known.shown);
+    for (const place of ["hip", "tip", "ghost"]) places[place] = [places[place][0] + left, places[place][1] + top];
+    panes[index] = { middle, places: { ...places, theta, reference, torque, rate: plant.value("theta_dot", row) } };
+  };
+  const paintName = (run, color, { width, tall }, shown) => {
+    context.fillStyle = color;
+    context.font = `${shown ? 700 : 400} 14px system-ui, sans-serif`;
+    context.textAlign = "left";
+    context.fillText(run.name, 10, 20, width - 20);
+    context.strokeStyle = cssColor("--rule");
+    context.lineWidth = 1;
+    context.strokeRect(0.5, 0.5, width, tall);
   };
 
   // A ring where the reference can be dragged, and a line to the pointer where something is held.
   const paintHandles = () => {
-    if (Number.isFinite(places.ghost[0])) {
+    const around = ring(known.shown);
+    if (around) {
       context.strokeStyle = cssColor("--reference");
       context.lineWidth = 2;
       context.beginPath();
-      context.arc(...ring(), 9, 0, 2 * Math.PI);
+      context.arc(...around, 9, 0, 2 * Math.PI);
       context.stroke();
     }
     const held = grip.line();
@@ -86,10 +118,12 @@ const scene = (() => {
       context.setLineDash([]);
     }
   };
-  const ring = () => {
-    const { hip, ghost } = places;
+  // Where the reference can be dragged; null where it cannot.
+  const ring = (pane) => {
+    const { hip, ghost } = panes[pane].places;
+    if (known.recorded || !Number.isFinite(ghost[0])) return null;
     return [hip[0] + RING * (ghost[0] - hip[0]), hip[1] + RING * (ghost[1] - hip[1])];
   };
   dark.addEventListener("change", () => draw(view.time));
-  return { canvas, draw, places: () => places, ring: () => (places ? ring() : null) };
+  return { canvas, draw, ring, panes };
 })();

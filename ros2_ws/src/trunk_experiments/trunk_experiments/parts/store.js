@@ -69,10 +69,21 @@ class Store {
   value(name, row) { return row < 0 || !this.columns.has(name) ? NaN : this.columns.get(name)[row]; }
 }
 
+// A run as far as it has come. Of several side by side, each has a name.
+class Run {
+  constructor(name = "") {
+    this.name = name;
+    this.plant = new Store(true);
+    this.control = new Store(true);
+    this.events = []; // all since the page was opened, and those that the gateway still had
+    this.before = null; // { plant, control, events } of the run without its branch
+  }
+}
+
 // Everything that is known: of the plant, of whichever controller acts, of pushes, and words by kind.
 const known = {
-  plant: new Store(true),
-  control: new Store(true),
+  runs: [new Run()],
+  shown: 0, // which of them charts, rules and gains show
   pushes: new Store(true),
   streams: [], // number -> { name, columns }
   nodes: new Map(), // name -> { state, controller, parameters }
@@ -81,11 +92,19 @@ const known = {
   world: null,
   run: { acting: [], started: false, ended: false, paused: false },
   gateway: { clients: 0, operator: "", refused: {}, stoppable: false, report: "" },
-  events: [], // all since the page was opened, and those that the gateway still had
-  events_before: 0, // how many there were before the first of them
-  recorded: null,
+  events_before: 0, // how many there were before the first of the events
+  recorded: null, // `first`, `last` in s: the run is there as a whole, to be played
+  branch: null, // `at` in s: from there on the runs are a branch
   client: "",
-  control_allowed: false,
+  control_allowed: false, // alone decides what can be changed
+  get plant() { return this.runs[this.shown].plant; },
+  get control() { return this.runs[this.shown].control; },
+  get events() { return this.runs[this.shown].events; },
+  set events(events) { this.runs[this.shown].events = events; },
+  // Where the four rules begin that fire in a row of the shown run's `control`, and their weights.
+  firing(row) {
+    return Object.fromEntries(["row", "column", "w00", "w01", "w10", "w11"].map((name) => [name, this.control.value(name, row)]));
+  },
 };
 const OWN = { plant: "plant", pushes: "pushes" };
 const storeOf = (name) => known[OWN[name] ?? "control"];

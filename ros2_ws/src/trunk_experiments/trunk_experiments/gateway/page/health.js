@@ -1,35 +1,5 @@
 "use strict";
-// What is wrong stands first: the red line. Below, what each node says of itself once a second, and the events.
-const alarm = (() => {
-  const box = document.getElementById("alarm");
-  const words = document.getElementById("alarm-text");
-  const MOST = 4; // lines; the oldest goes
-  const lines = new Map(); // about what -> the words
-  const show = () => {
-    words.replaceChildren(...[...lines.values()].map((text) => {
-      const line = document.createElement("span");
-      line.textContent = text;
-      return line;
-    }));
-    box.hidden = !lines.size;
-  };
-  document.getElementById("alarm-close").addEventListener("click", () => {
-    lines.clear();
-    show();
-  });
-  return {
-    say: (text, about = text) => {
-      lines.delete(about);
-      lines.set(about, text);
-      if (lines.size > MOST) lines.delete(lines.keys().next().value);
-      show();
-    },
-    clear: (about) => {
-      if (lines.delete(about)) show();
-    },
-  };
-})();
-
+// What each node says of itself once a second, and the events.
 const health = (() => {
   const table = document.getElementById("health");
   const list = document.getElementById("events");

@@ -47,6 +47,7 @@ const wire = (() => {
       if (known.events.length === values.events.length) known.events_before = values.before;
     }
     else known[kind] = values;
+    if (kind === "recorded") known.control_allowed = false; // what has been stays as it was
     say(kind, values);
   };
   const open = () => {
@@ -63,6 +64,7 @@ const wire = (() => {
     };
   };
   return {
+    EVERY_MS: 120, // a slider that is dragged asks no more often
     open,
     listen: (listener) => listeners.push(listener),
     // Send without an answer; what cannot be sent now is not sent later.
