@@ -46,6 +46,7 @@ VERBS = (
     Verb(("export",), ("a.mcap",), ".csv"),
     Verb(("export", "fuzzy"), (), ".fis"),
     Verb(("export-c", "-o", "c"), ("pid",)),
+    Verb(("export-web", "fig8", "--duration", "0.1"), (), ".html"),
     Verb(("import", "fuzzy"), ("rules.fll",), ".yaml"),
     Verb(("params", "pid")),
     Verb(("params", "apply"), ("params.yaml",)),

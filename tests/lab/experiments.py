@@ -32,7 +32,9 @@ HERE = Path(__file__).parent
 ASSETS = Path(str(files("trunk_experiments"))) / "lab" / "assets"
 
 
-def plans_of(scenario: str, settings: Sequence[str] = (), laws: Sequence[str] = LAWS) -> dict[str, RunPlan]:
+def plans_of(
+    scenario: str, settings: Sequence[str] = (), laws: Sequence[str] = LAWS
+) -> dict[str, RunPlan]:
     """Return a scenario's plans, one for each law."""
     return {law: make_plan(scenario, law, (), settings, {}, below=HAND) for law in laws}
 
@@ -58,7 +60,8 @@ def random_setup(lab: Mapping[str, Any], law: str, seed: int) -> Setup:
     if rng.random() < 0.5:
         stamps = sorted(rng.sample(range(end), rng.randint(1, 20)))
         setup["pushes"] = [
-            [k * period, rng.choice([0.0, rng.uniform(-100, 100)]), rng.uniform(-40, 40)] for k in stamps
+            [k * period, rng.choice([0.0, rng.uniform(-100, 100)]), rng.uniform(-40, 40)]
+            for k in stamps
         ]
     return setup
 
@@ -73,7 +76,9 @@ def _values(lab: Mapping[str, Any], law: str, rng: random.Random) -> dict[str, d
             if "labels" in knob:
                 labels = list(knob["labels"])
                 value: Any = [
-                    " ".join(cell if rng.random() < 0.9 else rng.choice(labels) for cell in row.split())
+                    " ".join(
+                        cell if rng.random() < 0.9 else rng.choice(labels) for cell in row.split()
+                    )
                     for row in now
                 ]
             elif knob["kind"] == "seed":
@@ -140,7 +145,9 @@ def table_of(plan: RunPlan) -> tuple[Any, bool]:
     return np.vstack(parts), False
 
 
-def in_node(lab: Mapping[str, Any], experiments: Sequence[tuple[str, Setup]]) -> list[dict[str, Any]]:
+def in_node(
+    lab: Mapping[str, Any], experiments: Sequence[tuple[str, Setup]]
+) -> list[dict[str, Any]]:
     """Return what the lab's engines compute in Node: numbers, and the table as ``table``."""
     with tempfile.TemporaryDirectory(prefix="trunk-lab-") as folder:
         place = Path(folder)

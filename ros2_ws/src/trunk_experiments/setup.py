@@ -25,6 +25,7 @@ setup(
             "config/*.yaml",
             "export_c/templates/*.in",
             "export_c/templates/*/*.in",
+            "lab/assets/*.js",
             "paper/*.html.j2",
             "paper/*.css",
             "schemas/*.json",

@@ -10,6 +10,7 @@ import pytest
 from trunk_experiments.analysis.metrics import RunMetrics
 from trunk_experiments.bench import core, gym, lockstep, rates, realtime, sweep
 from trunk_experiments.console.document import schemas
+from trunk_experiments.lab.wasm import missing_tools
 from trunk_experiments.paper import report, reproduction
 from trunk_experiments.paper.errata import ERRATA
 from trunk_experiments.paper.runs import PaperRun, cases
@@ -32,6 +33,7 @@ class Case:
 
 
 SLOW = pytest.mark.slow
+NEEDS_WASM = pytest.mark.skipif(bool(missing_tools()), reason=missing_tools())
 SWEPT = ["sweep study.yaml -o out.parquet --jobs 1"]
 OTHER = [*SWEPT, "sweep drawn.yaml -o other.parquet --jobs 1"]
 KEY = ["sign --new-key key"]
@@ -82,6 +84,7 @@ CASES = [
     ),
     Case("export-c-1", "export-c pid --like a.mcap -o c"),
     Case("export-c-1", "export-c fuzzy_pid --law --arduino -o c"),
+    Case("export-web-1", "export-web fig8 --duration 0.1 -o new.html", marks=NEEDS_WASM),
     Case("params-1", "params"),
     Case("params-1", "params fuzzy_pid"),
     Case("params-show-1", "params show fig8"),

@@ -16,7 +16,6 @@ from ..plans.turns import parse_swap
 from .options import Function, Name, Number, names_or_files, parameter_files, scenarios
 from .terminal import show_warnings
 
-
 # Limits of a push by hand, unless a file or --set gives others: the trunk's controllers can stand these.
 HAND = {"operator.force": 100.0, "operator.torque": 40.0}
 

@@ -1,4 +1,4 @@
-"""What a lab's page holds as data: the scenario, its nodes and parameters, knobs, and a program a controller."""
+"""What a lab's page holds as data: scenario, nodes and parameters, knobs, and each controller's program."""
 
 from __future__ import annotations
 
@@ -38,10 +38,14 @@ def check_plan(plan: RunPlan) -> None:
             f"{MOST_STATES:,} states, not {states:,}: give --duration or --rate"
         )
     if simulator.network is not None:
-        raise PlanError("simulator.link: messages that are late or lost are not in a lab: leave out link.*")
+        raise PlanError(
+            "simulator.link: messages that are late or lost are not in a lab: leave out link.*"
+        )
     for name, config in plan.controllers.items():
         if config.active_times:
-            raise PlanError(f"{name}.active.times: in a lab each controller acts alone, all the time")
+            raise PlanError(
+                f"{name}.active.times: in a lab each controller acts alone, all the time"
+            )
 
 
 def lab_of(
@@ -91,9 +95,7 @@ def lab_of(
             node: {name: _knob_data(plans, node, name, knob) for name, knob in found.knobs.items()}
             for node, found in knobs.items()
         },
-        "orders": {
-            node: [vars(order) for order in found.orders] for node, found in knobs.items()
-        },
+        "orders": {node: [vars(order) for order in found.orders] for node, found in knobs.items()},
         "commands": {name: list(words) for name, words in commands.items()},
         "programs": programs,
     }
@@ -104,7 +106,9 @@ def _choose(knobs: Mapping[str, NodeKnobs], chosen: Sequence[str]) -> None:
     for text in chosen:
         node, _, name = text.partition(".")
         if node not in knobs:
-            raise PlanError(f"--knob {text}: NODE.PARAM, with a node of {', '.join(knobs)}, is needed")
+            raise PlanError(
+                f"--knob {text}: NODE.PARAM, with a node of {', '.join(knobs)}, is needed"
+            )
         if name not in knobs[node].knobs:
             reason = knobs[node].refused.get(name, "there is no such parameter")
             others = ", ".join(f"{node}.{other}" for other in knobs[node].knobs)

@@ -10,6 +10,7 @@ import random
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf, isfinite
 from typing import Any
 
@@ -221,11 +222,12 @@ class KnobSearch:
     def _array(self, node: str, declared: Declaration, now: Any) -> Knob:
         if not len(now):
             raise NoKnobError("it has no elements")
+
+        def with_item(i: int, value: Any) -> Value:
+            return (*now[:i], value, *now[i + 1 :])
+
         knobs = [
-            self._search(
-                node, declared, now[i], lambda value, i=i: (*now[:i], value, *now[i + 1 :])
-            )
-            for i in range(len(now))
+            self._search(node, declared, item, partial(with_item, i)) for i, item in enumerate(now)
         ]
         if len({knob.kind for knob in knobs}) > 1 or any(knob.excluded for knob in knobs):
             raise NoKnobError("its elements are used differently")

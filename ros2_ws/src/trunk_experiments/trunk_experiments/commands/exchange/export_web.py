@@ -18,7 +18,9 @@ from ...errors import PlanError
 from ...plans.files import parse_setting
 from ...plans.plan import RunPlan
 
-_OF_SEVERAL = "A controller of the lab; they run side by side, each on a trunk of its own; repeatable."
+_OF_SEVERAL = (
+    "A controller of the lab; they run side by side, each on a trunk of its own; repeatable."
+)
 
 
 @click.command("export-web")
@@ -50,7 +52,9 @@ def command(
 
     check_output(output, (".html",), force, files_read(options))
     if swaps:
-        raise PlanError("--swap-at: in a lab each controller acts alone, all the time: leave it out")
+        raise PlanError(
+            "--swap-at: in a lab each controller acts alone, all the time: leave it out"
+        )
     controllers: tuple[str, ...] = tuple(dict.fromkeys(options.pop("controller")))
     plans, commands = {}, {}
     for name in controllers:

@@ -1,0 +1,124 @@
+"""A lab's runs in Node have the bits of the project's own, whatever is changed, pushed or branched."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+
+import numpy as np
+import pytest
+
+from trunk_experiments.analysis.recorded_metrics import recorded_metrics
+from trunk_experiments.lab.wasm import missing_tools
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_sim.noise import random_bits
+
+from .experiments import (
+    ASSETS,
+    LAWS,
+    NODE,
+    equal_bits,
+    in_node,
+    lab_for,
+    plan_with,
+    plans_of,
+    random_setup,
+    refused,
+    table_of,
+)
+
+pytestmark = [
+    pytest.mark.skipif(bool(missing_tools()), reason=missing_tools()),
+    pytest.mark.skipif(NODE is None, reason="Node.js: the lab's runs outside of a browser"),
+    pytest.mark.slow,
+]
+NOTHING = {"values": {}, "branch": None, "pushes": []}
+NOISE = ("simulator.sensor.position_noise=0.01", "simulator.sensor.velocity_noise=0.05")
+CASES = {
+    "fig6": (),
+    "fig8": (),
+    "fig9": (*NOISE, "simulator.fall.stop=true"),
+    "demo": ("simulator.sensor.delay=0.01", "simulator.hip.mode=passive"),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    plans = plans_of(request.param, CASES[request.param])
+    return plans, lab_for(plans)
+
+
+@pytest.mark.one_in(8)
+@pytest.mark.parametrize("block", range(16))
+def test_experiments_have_the_bits_of_the_run_that_they_mean(case, block):
+    plans, lab = case
+    experiments = [(law, random_setup(lab, law, 10 * block + i)) for i in range(2) for law in LAWS]
+    experiments += [(law, NOTHING) for law in LAWS]
+    for (law, setup), result in zip(experiments, in_node(lab, experiments), strict=True):
+        assert ("error" in result) == refused(plans[law], law, setup), result.get("error")
+        if "error" not in result:
+            table, diverged = table_of(plan_with(plans[law], law, setup))
+            assert equal_bits(result["table"], table), (law, setup)
+            assert (result["ended"] == "diverged") == diverged
+
+
+def test_metrics_are_those_of_the_recording(case, tmp_path):
+    plans, lab = case
+    experiments = [(law, random_setup(lab, law, 1000 + i)) for i, law in enumerate(LAWS)]
+    experiments.append(("pid", NOTHING))
+    compared = 0
+    for i, ((law, setup), result) in enumerate(
+        zip(experiments, in_node(lab, experiments), strict=True)
+    ):
+        if "error" in result or result["ended"] == "diverged":
+            continue
+        path = tmp_path / f"{i}.mcap"
+        record_offline(plan_with(plans[law], law, setup), path)
+        expected = recorded_metrics(RecordedRun.open(path)).as_dict()
+        assert result["metrics"] == {"values": expected, "failure": ""}, (law, setup)
+        compared += 1
+    assert compared >= 3
+
+
+@pytest.mark.parametrize("seed", [0, 1, 12345, 2**32, 2**53 - 1])
+def test_random_bits_are_numpys(seed):
+    script = f"{(ASSETS / 'random_bits.js').read_text()}\nconst next = randomBits({seed});\n"
+    script += "console.log(JSON.stringify(Array.from({ length: 200 }, () => String(next()))))"
+    done = subprocess.run([NODE, "-e", script], capture_output=True, text=True, check=True)
+    assert list(map(int, json.loads(done.stdout))) == random_bits(seed, 0, 100).reshape(-1).tolist()
+
+
+def test_what_is_no_knob_is_refused_in_one_line(case):
+    _, lab = case
+    wrong = {
+        "pid": {"gains.p": [-1.0, "x", None, [1.0], 1e300, "inf"], "u_clamp_max": [-1.0]},
+        "simulator": {"update_rate": [100.0], "nothing": [1.0], "substeps": [1.5, 0]},
+        "nobody": {"gains.p": [1.0]},
+    }
+    experiments = [
+        ("pid", {**NOTHING, "values": {node: {name: value}}})
+        for node, names in wrong.items()
+        for name, values in names.items()
+        for value in values
+    ]
+    late = {"at_ns": 0, "values": {"simulator": {"initial.position": [0.0, 0.1]}}}
+    experiments.append(("pid", {**NOTHING, "branch": late}))
+    rows = lab["nodes"]["fuzzy_pid"]["parameters"]["rules.kp"]
+    for rules in (rows[:-1], [*rows[:-1], "S S"], [rows[0].replace("B", "Q"), *rows[1:]], "B"):
+        experiments.append(("fuzzy_pid", {**NOTHING, "values": {"fuzzy_pid": {"rules.kp": rules}}}))
+    for (_, setup), result in zip(experiments, in_node(lab, experiments), strict=True):
+        assert "error" in result, setup
+        assert len(result["error"].splitlines()) == 1
+
+
+def test_a_push_by_hand_acts_until_the_next_or_the_timeout(case):
+    plans, lab = case
+    period = lab["period_ns"]
+    setup = {**NOTHING, "pushes": [[10 * period, 0.0, 30.0], [20 * period, 0.0, 0.0]]}
+    for result in in_node(lab, [("pid", setup)]):
+        table, _ = table_of(plan_with(plans["pid"], "pid", setup))
+        undisturbed, _ = table_of(plans["pid"])
+        assert equal_bits(result["table"], table)
+        first = int(np.flatnonzero((table != undisturbed).any(axis=1))[0])
+        assert first == 11
