@@ -17,16 +17,10 @@ from ..parts.page import STYLES, page, scripts
 
 _ASSETS = files(__package__) / "assets"
 # Before the parts: what stands in the place of a connection. Behind them: what a lab alone has.
-_FEED = (
-    "random_bits.js",
-    "engine.js",
-    "bytes.js",
-    "cdr.js",
-    "blake2b.js",
-    "mcap.js",
-    "recorder.js",
-)
-_OWN = ("feed.js",)
+_COMPUTING = ("random_bits.js", "engine.js")
+_RECORDING = ("bytes.js", "cdr.js", "blake2b.js", "mcap.js", "recorder.js")
+_FEED = (*_COMPUTING, *_RECORDING, "setup.js", "feed.js")
+_OWN = ("lab.js",)
 
 
 def render(lab: Mapping[str, Any]) -> str:

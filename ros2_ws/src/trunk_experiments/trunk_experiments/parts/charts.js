@@ -160,6 +160,7 @@ const strips = (() => {
   const build = (chart) => {
     chart.plot?.destroy();
     chart.of = composition();
+    chart.drawn = null;
     chart.lines = linesOf(chart.kind);
     chart.keys = chart.lines.filter((one) => one.label).map(keyOf);
     chart.caption.replaceChildren(chart.title, ...chart.keys.map(({ key }) => key));
@@ -167,7 +168,7 @@ const strips = (() => {
     chart.plot = new uPlot({
       width: Math.max(chart.target.clientWidth, 60), height: chart.target.clientHeight, padding: [8, 8, 0, 0],
       scales: { x: { time: false, auto: false }, y: { range: (_, low, high) => spread(low, high) } },
-      axes: [{ ...axis, size: 28 }, { ...axis, size: 52 }],
+      axes: [{ ...axis, size: 28 }, { ...axis, size: 52, space: 20, values: (_, ticks) => ticks.map((value) => showNumber(value)) }],
       legend: { show: false }, cursor: { show: false }, hooks: { draw: [marks] },
       series: [{}, ...chart.lines.map((one) => ({
         stroke: cssColor(one.color), width: one.width ?? 1.8, dash: one.dash, points: { show: false },
@@ -197,7 +198,8 @@ const strips = (() => {
     ctx.textAlign = "left";
     if (known.branch) mark(known.branch.at, "--branch", "branch", known.runs.length);
     known.runs.forEach((run, index) => {
-      for (const { event, t } of run.events) if (event === "fell") mark(t, "--limit", run.name ? `${run.name} fell` : "fell", index);
+      const words = known.runs.length === 1 ? "fell" : plot === made.get("angle")?.plot ? `${run.name} fell` : "";
+      for (const { event, t } of run.events) if (event === "fell") mark(t, "--limit", words, index);
     });
     if (known.recorded) mark(view.time, "--accent", null);
     ctx.restore();
@@ -217,20 +219,32 @@ const strips = (() => {
   const draw = (time) => {
     for (const kind of wantedKinds()) if (!made.has(kind.id)) made.set(kind.id, make(kind));
     const { from, until, to } = view.range(time);
+    const counts = [known.pushes, ...known.runs.flatMap(({ plant, control }) => [plant, control])].map(({ count }) => count);
+    const drawn = [from, until, to, known.version, ...counts].join();
     for (const chart of made.values()) {
       if (chart.of !== composition()) build(chart);
       if (!chart.seen) continue;
+      if (chart.drawn === drawn) {
+        if (chart.time !== time) chart.plot.redraw(false); // only the time that is shown moves over the same curves
+        chart.time = time;
+        label(chart, time);
+        continue;
+      }
+      [chart.drawn, chart.time] = [drawn, time];
       const [t, ...columns] = window(chart, from, until);
       chart.plot.batch(() => {
         chart.plot.setData([t, ...columns.map(gaps)], false);
         chart.plot.setScale("x", { min: from, max: to });
       });
-      for (const { one, text } of chart.keys) {
-        const store = one.of?.() ?? known[one.from ?? chart.kind.of];
-        const value = one.column ? store.value(one.column, store.row(time)) * (one.scale ?? 1) : NaN;
-        const words = one.column && !one.timeout ? `${one.label} ${showNumber(value, 4)}` : one.label;
-        if (text.textContent !== words) text.textContent = words;
-      }
+      label(chart, time);
+    }
+  };
+  const label = (chart, time) => {
+    for (const { one, text } of chart.keys) {
+      const store = one.of?.() ?? known[one.from ?? chart.kind.of];
+      const value = one.column ? store.value(one.column, store.row(time)) * (one.scale ?? 1) : NaN;
+      const words = one.column && !one.timeout ? `${one.label} ${showNumber(value, 4)}` : one.label;
+      if (text.textContent !== words) text.textContent = words;
     }
   };
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => made.forEach(build));

@@ -67,7 +67,7 @@ const edits = (() => {
     ]),
     "",
   ].join("\n");
-  saving.addEventListener("click", () => {
+  saving?.addEventListener("click", () => {
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([yaml()], { type: "application/yaml" }));
     link.download = "trunk_live.yaml";
@@ -80,9 +80,15 @@ const edits = (() => {
     const last = changes.at(-1);
     undoing.disabled = !last;
     undoing.title = last ? `${last.node}: ${Object.keys(last.before).join(", ")} as before` : "";
+    if (!saving) return; // a lab has commands instead
     const count = kept().reduce((sum, [, names]) => sum + names.length, 0);
     saving.disabled = !count;
     saving.textContent = count ? `Save as YAML (${count})` : "Save as YAML";
   };
-  return { set, undo, isDefault, yaml, show };
+  // What was before is of another experiment.
+  const forget = () => {
+    changes.length = 0;
+    show();
+  };
+  return { set, undo, forget, isDefault, yaml, show };
 })();

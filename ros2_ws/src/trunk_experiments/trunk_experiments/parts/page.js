@@ -12,11 +12,12 @@ const view = (() => {
   // ── words ────────────────────────────────────────────────────────────────────────────────────────────
   const controllers = () => {
     const place = at("controllers");
-    const names = [...known.nodes.values()].filter((node) => node.controller).map((node) => node.name).sort();
+    const several = Boolean(known.runs[0].name);
+    const names = several ? known.runs.map((run) => run.name) : [...known.nodes.values()].filter((node) => node.controller).map((node) => node.name).sort();
     const have = [...place.querySelectorAll("input")].map((input) => input.value);
     if (names.join() !== have.join()) {
       place.querySelectorAll("label").forEach((label) => label.remove());
-      for (const name of names) {
+      for (const [index, name] of names.entries()) {
         const label = document.createElement("label");
         const input = document.createElement("input");
         input.type = "radio";
@@ -26,7 +27,10 @@ const view = (() => {
           await view.ask("swap", { to: name });
           controllers();
         });
-        label.append(input, name);
+        const swatch = document.createElement("span");
+        swatch.className = "swatch";
+        swatch.style.background = `var(--run${index % 8})`;
+        label.append(input, ...(several ? [swatch] : []), name);
         place.append(label);
       }
     }
@@ -39,6 +43,7 @@ const view = (() => {
     }
   };
   wire.listen((kind, values) => {
+    if (kind !== "rows") known.version += 1;
     if (kind === "refused") alarm.say(values);
     else if (kind === "hello") {
       document.body.dataset.may = values.control ? "control" : "watch";

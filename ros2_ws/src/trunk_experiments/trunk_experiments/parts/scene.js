@@ -58,13 +58,14 @@ const scene = (() => {
     const x = plant.value("x", row);
     const { path } = known.world;
     const length = path.length;
-    // The hip moves about the middle of the picture before the picture moves with it.
-    let { middle } = panes[index];
-    if (middle === null || Math.abs(x - middle) > 3 * length) middle = x;
-    middle += Math.sign(x - middle) * Math.max(0, Math.abs(x - middle) - 1.2 * length);
     const rise = Math.abs(path.amplitude) + path.harmonics.reduce((sum, v) => sum + Math.abs(v), 0);
     const [low, high] = [-rise - 0.5 * length, rise + 1.6 * length];
     const half = Math.max((known.runs.length > 1 ? 1.5 : 2.6) * length, ((high - low) * size.width) / size.tall / 2);
+    // The hip moves about the middle of the picture before the picture moves with it.
+    let { middle } = panes[index];
+    if (middle === null || Math.abs(x - middle) > 3 * length) middle = x;
+    const free = Math.max(0.1 * length, Math.min(1.2 * length, half - 1.4 * length));
+    middle += Math.sign(x - middle) * Math.max(0, Math.abs(x - middle) - free);
     const bound = limits(run);
     const theta = plant.value("theta", row) * DEGREES;
     const torque = plant.value("torque", row);

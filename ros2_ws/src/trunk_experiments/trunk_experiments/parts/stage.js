@@ -105,7 +105,7 @@ const paintStage = (context, { width, tall }, scene, now) => {
     context.fillStyle = cssColor("--limit");
     context.font = "600 14px system-ui, sans-serif";
     context.textAlign = "center";
-    context.fillText(`✕ fell at t = ${showNumber(now.fell, 6)} s`, width / 2, tall - 12, width - 20);
+    context.fillText(`✕ fell at t = ${showNumber(now.fell, 6)} s`, width / 2, tall - (width < 320 ? 36 : 12), width - 20);
   }
   return { hip, tip: tip(now.theta), ghost: tip(now.reference), scale };
 };

@@ -97,6 +97,7 @@ const known = {
   branch: null, // `at` in s: from there on the runs are a branch
   client: "",
   control_allowed: false, // alone decides what can be changed
+  version: 0, // rises with all that changes besides the rows' counts
   get plant() { return this.runs[this.shown].plant; },
   get control() { return this.runs[this.shown].control; },
   get events() { return this.runs[this.shown].events; },

@@ -1,0 +1,184 @@
+"use strict";
+// What only a lab has: the experiment as a whole, its doubts and numbers, and ways to take it away.
+(() => {
+  const at = (id) => document.getElementById(id);
+  const made = (tag, text = "", className = "") => {
+    const element = document.createElement(tag);
+    element.textContent = text;
+    element.className = className;
+    return element;
+  };
+  const seconds = (time) => `${showNumber(time, 6)} s`;
+
+  // ── doubts and numbers ───────────────────────────────────────────────────────────────────────────────
+  const limitOf = (name) => {
+    const { u_clamp_max: high, u_clamp_min: low } = known.nodes.get(name).parameters;
+    const { limit } = known.world;
+    const bound = (value) => Math.min(Number.isFinite(limit) ? limit : Infinity, Number.isFinite(value) ? Math.abs(value) : Infinity);
+    return [-bound(low), bound(high)];
+  };
+  // How long a run's torque is at a limit, in s.
+  const limited = ({ name, plant }) => {
+    const [low, high] = limitOf(name);
+    const torque = plant.columns.get("torque");
+    let count = 0;
+    for (let k = 0; k < plant.count; k++) count += torque[k] >= high || torque[k] <= low;
+    return (count * lab.period_ns) / 1e9;
+  };
+  const doubtsOf = (run, engine) => {
+    const degrees = (k) => `${Math.round(run.plant.value("theta", k) * DEGREES)} degrees`.replace("-", "−");
+    const last = run.plant.count - 1;
+    const bad = [];
+    if (engine.ended === "diverged") bad.push(`DIVERGED: at t = ${seconds(run.plant.last)} its numbers end; nothing after it is computed`);
+    if (run.events.length) bad.push(`FELL: at t = ${seconds(run.events[0].t)}, ${degrees(rowAt(run.plant.t, run.events[0].t))}`);
+    else if (Math.abs(run.plant.value("theta", last)) > Math.PI / 2) bad.push(`BEYOND 90 degrees: it ends at ${degrees(last)}`);
+    return bad;
+  };
+  const hasLevel = ({ control, plant }) => {
+    const reference = control.columns.get("reference").subarray(0, control.count);
+    const since = reference.findLastIndex((value, k) => k > 0 && value !== reference[k - 1]);
+    return since < 0 || plant.last - control.t[since] >= 1 - 1e-9;
+  };
+  const cell = (row, tag, text, className) => row.appendChild(made(tag, text, className));
+  const results = () => {
+    const { runs } = known;
+    const lines = runs.flatMap((run, i) => doubtsOf(run, wire.engines[i]).map((text) => made("li", `${run.name} ${text}`, "bad")));
+    for (const run of runs) {
+      const time = limited(run);
+      if (time > 0) lines.push(made("li", `${run.name} is at its torque limit for ${showNumber(time, 3)} s`));
+    }
+    at("doubts").replaceChildren(...lines);
+    at("doubts").hidden = !lines.length;
+
+    const heading = at("numbers-of");
+    heading.replaceChildren(made("th", "quantity"));
+    heading.firstChild.scope = "col";
+    runs.forEach((run, i) => {
+      const name = cell(heading, "th", "", "num");
+      name.scope = "col";
+      const swatch = made("span", "", "swatch");
+      swatch.style.background = `var(--run${i % 8})`;
+      name.append(swatch, run.name);
+    });
+    const rows = [];
+    const add = (title, texts, bad) => {
+      const row = document.createElement("tr");
+      cell(row, "th", title).scope = "row";
+      texts.forEach((text, i) => cell(row, "td", text, bad?.[i] ? "num bad" : "num"));
+      rows.push(row);
+    };
+    const fell = runs.map((run) => Boolean(run.events.length));
+    add("FELL", runs.map((run) => (run.events.length ? `at ${seconds(run.events[0].t)}` : "no")), fell);
+    const measured = wire.engines.map((engine) => engine.metrics());
+    const failed = measured.map(({ failure }) => Boolean(failure));
+    if (failed.includes(true)) add("no numbers", measured.map(({ failure }) => failure), failed);
+    for (const [key, [label, unit]] of Object.entries(lab.quantities)) {
+      add(`${label}, ${unit}`, measured.map(({ values }, i) => {
+        const value = values[key];
+        if (value === undefined) return "–";
+        if (value !== null) return showNumber(value, 6);
+        return key.startsWith("settling") && hasLevel(runs[i]) ? "never" : "not defined";
+      }));
+    }
+    at("numbers-rows").replaceChildren(...rows);
+    document.documentElement.dataset.whole = "true";
+  };
+
+  // ── the experiment ───────────────────────────────────────────────────────────────────────────────────
+  const chip = (text, title, action) => {
+    const button = made("button", `${text} ✕`, "chip");
+    button.type = "button";
+    button.setAttribute("aria-label", title);
+    button.addEventListener("click", action);
+    return button;
+  };
+  const chips = () => {
+    const { branch, pushes } = wire.setup;
+    const there = [];
+    if (branch) {
+      const words = `branch at t = ${seconds(branch.at_ns / 1e9)}`;
+      there.push(chip(words, `Remove the ${words}`, () => wire.take({ ...wire.setup, branch: null })));
+    }
+    const hands = pushes.filter(([, force, torque], i) => (force || torque) && !(i && (pushes[i - 1][1] || pushes[i - 1][2]))).length;
+    if (hands) {
+      const words = `${hands} ${hands === 1 ? "push" : "pushes"} by hand`;
+      there.push(chip(words, `Remove ${words}`, () => wire.take({ ...wire.setup, pushes: [] })));
+    }
+    at("chips").replaceChildren(...there);
+    at("chips").hidden = !there.length;
+    at("reset-all").disabled = isDefaultSetup(wire.setup);
+    at("copying").hidden = true; // what it has is of another experiment
+  };
+  const selected = () => lab.controllers[known.shown];
+  wire.listen((kind) => {
+    if (kind === "link") openLink();
+    else if (kind === "setup") {
+      delete document.documentElement.dataset.whole;
+      at("save-recording").disabled = true;
+      chips();
+    } else if (kind === "whole") {
+      results();
+      at("save-recording").disabled = false;
+    } else if (kind === "run") at("save-recording").textContent = `Save recording of ${selected()}`;
+  });
+  const openLink = async () => {
+    const fragment = location.hash.slice(1);
+    let setup = freshSetup();
+    try {
+      if (fragment) setup = await setups.open(lab, fragment);
+    } catch (error) {
+      alarm.say(`the link: ${error.message}; this is the default experiment`);
+    }
+    edits.forget();
+    wire.take(setup);
+  };
+  addEventListener("hashchange", () => { if (location.hash.slice(1) !== linked) openLink(); });
+
+  // ── buttons ──────────────────────────────────────────────────────────────────────────────────────────
+  at("branch").addEventListener("click", () => {
+    view.freeze(true);
+    const { setup } = wire;
+    const index = Math.floor(view.time / (lab.period_ns / 1e9) + 1e-6);
+    wire.take({ ...setup, branch: { at_ns: index * lab.period_ns, values: setup.branch?.values ?? {} } });
+  });
+  at("reset-all").addEventListener("click", () => {
+    edits.forget();
+    wire.take(freshSetup());
+  });
+  at("save-recording").addEventListener("click", () => {
+    const name = selected();
+    const bytes = recordingOf(lab, name, wire.engines[known.shown]);
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob([bytes], { type: "application/octet-stream" }));
+    link.download = setups.fileOf(lab, name);
+    link.click();
+    URL.revokeObjectURL(link.href);
+  });
+  // Show a text that is copied, so that it can be read, and copied by hand.
+  const offer = async (title, text) => {
+    at("copying-title").textContent = title;
+    at("copied").textContent = text;
+    at("copying").hidden = false;
+    opener = document.activeElement;
+    at("copied").focus();
+    await copyText(at("copied"));
+  };
+  let linked = "";
+  at("copy-commands").addEventListener("click", () =>
+    offer("The same bits from a shell:", lab.controllers.flatMap((name) => setups.commands(lab, name, wire.setup)).join("\n")));
+  at("copy-link").addEventListener("click", async () => {
+    linked = isDefaultSetup(wire.setup) ? "" : await setups.link(lab, wire.setup);
+    const address = location.href.replace(/#.*/, "");
+    history.replaceState(null, "", linked ? `#${linked}` : address);
+    await offer("The whole experiment as a link to this page:", linked ? `${address}#${linked}` : address);
+  });
+  at("copy-again").addEventListener("click", () => copyText(at("copied")));
+  let opener = null;
+  const close = () => {
+    at("copying").hidden = true;
+    opener?.focus();
+  };
+  at("copy-close").addEventListener("click", close);
+  at("copying").addEventListener("keydown", ({ key }) => { if (key === "Escape") close(); });
+  at("mode").textContent = `${lab.end_s} s, ${showNumber(1e9 / lab.period_ns)} Hz`;
+})();

@@ -1,0 +1,114 @@
+"use strict";
+// An experiment as a link and as commands: plain data, `engine.js` says which. Nothing here touches the page.
+const freshSetup = () => ({ values: {}, branch: null, pushes: [] });
+const isDefaultSetup = ({ values, branch, pushes }) => !Object.keys(values).length && !branch && !pushes.length;
+
+const setups = (() => {
+  const VERSION = 1;
+  const LONGEST = 100_000; // letters of a link
+  const LARGEST = 2_000_000; // bytes in it
+
+  const squeezed = (data, stream) => new Response(new Blob([data]).stream().pipeThrough(stream));
+  // The bytes of a stream, of which no more are taken than are allowed.
+  const bounded = async (data) => {
+    const reader = new Blob([data]).stream().pipeThrough(new DecompressionStream("deflate-raw")).getReader();
+    const parts = [];
+    let size = 0;
+    for (let { done, value } = await reader.read(); !done; { done, value } = await reader.read()) {
+      parts.push(value);
+      size += value.length;
+      if (size > LARGEST) throw new Error("it holds too much");
+    }
+    return new Blob(parts).text();
+  };
+
+  // Stamps as differences in states.
+  const link = async (lab, { values, branch, pushes }) => {
+    let before = 0;
+    const short = pushes.map(([stamp, force, torque]) => {
+      const index = stamp / lab.period_ns;
+      const step = index - before;
+      before = index;
+      return [step, force, torque];
+    });
+    const text = JSON.stringify([VERSION, values, branch && [branch.at_ns / lab.period_ns, branch.values], short]);
+    const bytes = new Uint8Array(await squeezed(text, new CompressionStream("deflate-raw")).arrayBuffer());
+    return btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
+  };
+  const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
+  const checkValues = (lab, values) => {
+    if (!isObject(values)) throw new Error("it has no parameters");
+    for (const [node, changed] of Object.entries(values)) {
+      if (!Object.hasOwn(lab.declared, node) || !isObject(changed)) throw new Error(`this lab has no node ${node.slice(0, 40)}`);
+      for (const name of Object.keys(changed))
+        if (!Object.hasOwn(lab.declared[node], name)) throw new Error(`${node} has no parameter ${name.slice(0, 40)}`);
+    }
+    return values;
+  };
+  const index = (lab, value) => {
+    if (!Number.isSafeInteger(value) || value < 0 || value >= lab.states) throw new Error("a time is not in the run");
+    return value * lab.period_ns;
+  };
+  // The experiment in a link. Throws Error, one line.
+  const open = async (lab, fragment) => {
+    let data;
+    try {
+      if (fragment.length > LONGEST) throw new Error("it is too long");
+      const letters = atob(fragment.replaceAll("-", "+").replaceAll("_", "/"));
+      data = JSON.parse(await bounded(Uint8Array.from(letters, (letter) => letter.charCodeAt(0))));
+    } catch {
+      throw new Error("it is damaged");
+    }
+    if (!Array.isArray(data) || data[0] !== VERSION || !Array.isArray(data[3])) throw new Error("it is not of this lab");
+    const [, values, branch, short] = data;
+    let at = 0;
+    const pushes = short.map((push) => {
+      if (!Array.isArray(push) || push.length !== 3 || !push.every(Number.isFinite) || (push[0] <= 0 && at > 0)) throw new Error("a push is damaged");
+      at += push[0];
+      return [index(lab, at), push[1], push[2]];
+    });
+    const setup = {
+      values: checkValues(lab, values),
+      branch: Array.isArray(branch) ? { at_ns: index(lab, branch[0]), values: checkValues(lab, branch[1]) } : null,
+      pushes,
+    };
+    const { force, torque } = lab.world.operator;
+    if (pushes.some((push) => Math.abs(push[1]) > force || Math.abs(push[2]) > torque)) throw new Error(`a push is beyond ${force} N or ${torque} N·m`);
+    const problem = checkSetup(lab, setup);
+    if (problem) throw new Error(problem);
+    return setup;
+  };
+
+  // A node's parameters, with the experiment's changes.
+  const parametersOf = (lab, setup, node) => ({
+    ...lab.nodes[node].parameters, ...setup.values[node], ...setup.branch?.values[node],
+  });
+
+  const written = (value) => (Array.isArray(value) ? `[${value.map(written).join(", ")}]` : String(value));
+  // `--set` for each change; of a rule table for each cell.
+  const settings = (lab, values, nodes) => nodes.flatMap((node) => Object.entries(values[node] ?? {}).flatMap(([name, value]) => {
+    const { rules, parameters } = lab.nodes[node];
+    if (!rules?.tables.some((table) => table.name === name)) return ["--set", `${node}.${name}=${written(value)}`];
+    const cells = (row) => row.split(/\s+/).filter(Boolean);
+    return value.flatMap((row, i) => cells(row).flatMap((label, j) =>
+      (label === cells(parameters[name][i])[j] ? [] : ["--set", `${node}.${name}.${rules.error[i]}.${rules.rate[j]}=${label}`])));
+  }));
+  const fileOf = (lab, name) => `${lab.scenario.replace(/^.*\//, "").replace(/\.ya?ml$/, "").replace(/[^\w.-]+/g, "_")}_${name}.mcap`;
+  // The commands that compute a controller's run anew, with the same bits.
+  const commands = (lab, name, setup) => {
+    const line = (words) => words.map(quoted).join(" ");
+    const nodes = ["simulator", "disturbance", name];
+    const file = fileOf(lab, name);
+    if (setup.pushes.length) {
+      return [
+        `# the pushes by hand are in the recording: save that of ${name} first`,
+        line(["trunk", "simulate", "--like", file, "-o", file.replace(".mcap", "_again.mcap")]),
+      ];
+    }
+    const lines = [line([...lab.commands[name], ...settings(lab, setup.values, nodes), "-o", file])];
+    const changes = setup.branch ? settings({ ...lab, nodes: Object.fromEntries(nodes.map((node) => [node, { ...lab.nodes[node], parameters: parametersOf(lab, { ...setup, branch: null }, node) }])) }, setup.branch.values, nodes) : [];
+    if (changes.length) lines.push(line(["trunk", "branch", file, "--at", String(setup.branch.at_ns / 1e9), ...changes, "-o", file.replace(".mcap", "_branch.mcap")]));
+    return lines;
+  };
+  return { link, open, parametersOf, commands, fileOf };
+})();
