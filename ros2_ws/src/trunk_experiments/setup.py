@@ -35,6 +35,7 @@ setup(
             "templates/controller/*/*.in",
             "templates/controller/*/*/*.in",
             "gateway/page/*",
+            "lab/assets/*",
             "parts/*.css",
             "parts/*.j2",
             "parts/*.js",

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,6 +20,9 @@ ARITHMETIC = "portable-1"
 # ``header.frame_id``, and ``plant/inputs`` has what acted on the plant in each state; "1", which no recording
 # names: neither of the two.
 FORMAT = "2"
+
+# Of a run that a page computed: what ran the page, and the page's digest.
+_MADE_BY, _PAGE, _BROWSER = "made_by", "page", "browser"
 
 UNKNOWN = "unknown"
 NONE = "none"
@@ -55,6 +59,18 @@ def gather(**known: str) -> dict[str, str]:
         **packages_of_laws(),
     }
     return {**origin, **known}
+
+
+def of_page(**known: str) -> dict[str, str]:
+    """Return the facts about the code in a page that simulates in a browser, which adds when and where."""
+    made_elsewhere = {*OF_MACHINE, *_LIBRARIES, "python"}
+    code = {name: text for name, text in gather().items() if name not in made_elsewhere}
+    return {**code, **known, _MADE_BY: _BROWSER}
+
+
+def page_of(origin: Mapping[str, str]) -> str:
+    """Return the digest of the page that computed a run in a browser; empty for other runs."""
+    return origin.get(_PAGE, UNKNOWN) if origin.get(_MADE_BY) == _BROWSER else ""
 
 
 def packages_of_laws() -> dict[str, str]:

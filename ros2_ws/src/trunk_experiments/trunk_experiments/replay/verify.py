@@ -7,7 +7,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.provenance import PACKAGE, packages_of_laws
+from trunk_msgs_util.provenance import PACKAGE, packages_of_laws, page_of
 from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
@@ -52,6 +52,8 @@ def verdict_on(run: RecordedRun) -> Verdict:
     verdict.obstacles += recording.seen_otherwise
     verdict.altered = recording.alterations()
     verdict.notes += [run.branch.describe()] if run.branch else []
+    if page := page_of(recording.provenance):
+        verdict.notes.append(f"computed in a browser, by the page {page[:12]}…")
     verdict.notes += _other_packages(run)
     if uncovered := recording.undigested():
         verdict.obstacles.append(f"no digests of {', '.join(uncovered)}: an edit would not show")

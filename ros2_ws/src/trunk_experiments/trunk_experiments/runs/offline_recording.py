@@ -35,6 +35,8 @@ from .steps import Step, in_stretches
 
 Progress = Callable[[int, int], None]
 
+HAS_FALLEN = "the trunk has fallen"  # why a run ends there
+
 
 def record_offline(
     plan: RunPlan, path: Path, overwrite: bool = False, progress: Progress = lambda done, of: None
@@ -201,7 +203,7 @@ class OfflineRecorder:
             self._writer.finish(complete=False, reason=str(error))
             return error
         fell = len(stretch.table) - 1 in stretch.falls and self._plan.simulator.fall_stop
-        reason = "the trunk has fallen" if fell else self.at_end
+        reason = HAS_FALLEN if fell else self.at_end
         self.put_changes_to_come()
         self.finished(reason)
         self._writer.finish(complete=True, reason=reason)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["END", "PROVENANCE", "RecordingWriter"]
 
-_PROFILE, _LIBRARY = "ros2", f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
+PROFILE, _LIBRARY = "ros2", f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
 _COMPRESSIONS = {"zstd": "zstd", "lz4": "lz4", "none": ""}
 
 
@@ -53,8 +53,8 @@ class RecordingWriter:
         self._types: dict[int, str] = {}
         self._digests = RunningDigests()
         self._failure: OSError | None = None
-        self._writer.start(_PROFILE, _LIBRARY)
-        self._digests.header(_PROFILE, _LIBRARY)
+        self._writer.start(PROFILE, _LIBRARY)
+        self._digests.header(PROFILE, _LIBRARY)
 
     def channel(self, topic: str, type_name: str) -> int:
         """Add a topic, unless it is there, and return its channel. Raises ValueError for an unknown type."""

@@ -1,0 +1,10 @@
+// The page's scripts as Node runs them: `load(ASSETS, "recordingOf", …)` returns what they define.
+import fs from "node:fs";
+import path from "node:path";
+
+const FILES = ["bytes", "crc32", "blake2b", "cdr", "mcap", "recording_writer", "recorder"];
+
+export const load = (assets, ...names) => {
+  const source = FILES.map((name) => fs.readFileSync(path.join(assets, `${name}.js`), "utf8")).join("\n");
+  return new Function(`${source}\nreturn { ${names} };`)();
+};
