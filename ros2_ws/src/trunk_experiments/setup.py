@@ -25,7 +25,6 @@ setup(
             "config/*.yaml",
             "export_c/templates/*.in",
             "export_c/templates/*/*.in",
-            "lab/assets/*.js",
             "paper/*.html.j2",
             "paper/*.css",
             "schemas/*.json",
