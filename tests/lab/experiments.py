@@ -7,7 +7,7 @@ import random
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -164,6 +164,22 @@ def in_node(
         if size:
             result["table"] = numbers[at : at + size].reshape(-1, result["width"])
         at += size
+    return results
+
+
+def in_page(evaluate: Callable[[str], Any], experiments: Sequence[tuple[str, Setup]]) -> list[str]:
+    """Return the bits of experiments as a page computes them; ``evaluate`` evaluates in it."""
+    evaluate(
+        f"(globalThis.bitsOf = (() => {{ {(HERE / 'bits.js').read_text()}; return bitsOf; }})(), 0)"
+    )
+    evaluate(
+        "(async () => { globalThis.engines = {}; for (const name of lab.controllers) "
+        "engines[name] = await openEngine(lab, name); return 0; })()"
+    )
+    results: list[str] = []
+    for first in range(0, len(experiments), 20):
+        part = json.dumps(experiments[first : first + 20])
+        results += evaluate(f"{part}.map(([name, setup]) => bitsOf(engines[name], setup))")
     return results
 
 

@@ -4,7 +4,9 @@ import { join } from "node:path";
 
 const [assets, folder] = process.argv.slice(2);
 const text = (name) => readFileSync(join(assets, name), "utf8").replace('"use strict";', "");
-const { openEngine } = new Function(`${text("random_bits.js")}\n${text("engine.js")}\nreturn { openEngine };`)();
+const bits = readFileSync(new URL("bits.js", import.meta.url), "utf8").replace('"use strict";', "");
+const code = `${text("random_bits.js")}\n${text("engine.js")}\n${bits}\nreturn { openEngine, bitsOf };`;
+const { openEngine, bitsOf } = new Function(code)();
 const json = (name) => JSON.parse(readFileSync(join(folder, name), "utf8"));
 const lab = json("lab.json");
 const engines = {};
@@ -20,7 +22,8 @@ const results = json("experiments.json").map(([name, setup]) => {
     engine.advance(lab.states);
     const { count, width, ended, falls } = engine;
     writeSync(tables, new Uint8Array(engine.table.buffer, 0, 8 * count * width));
-    return { count, width, ended, falls, metrics: engine.metrics(), ahead: Array.from(engine.ahead) };
+    const ahead = Array.from(engine.ahead);
+    return { count, width, ended, falls, metrics: engine.metrics(), ahead, bits: bitsOf(engine, setup) };
 });
 closeSync(tables);
 console.log(JSON.stringify(results));
