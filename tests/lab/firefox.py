@@ -1,4 +1,4 @@
-"""Debian's Firefox, headless, driven by WebDriver BiDi: enough to open a page and evaluate expressions in it."""
+"""Firefox, headless, driven by WebDriver BiDi: enough to open a page and evaluate expressions in it."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Firefox:
         self.ask("browsingContext.navigate", context=self._tab, url=address, wait="complete")
 
     def evaluate(self, expression: str) -> Any:
-        """Return what an expression, or its promise, gives, by way of JSON. Raises RuntimeError if it throws."""
+        """Return what an expression, or its promise, gives, as JSON. Raises RuntimeError if it throws."""
         result = self.ask(
             "script.evaluate",
             expression=f"(async () => JSON.stringify(await ({expression})))()",
