@@ -241,6 +241,52 @@ def test_changes_are_marked_saved_and_taken_back(opened, tmp_path):
     settled(page, "document.getElementById('save').textContent", "Save as YAML")
 
 
+def test_a_number_in_a_rule_is_written_over(opened, served):
+    page = opened()
+    default = page.evaluate(f"() => {RULE}")
+    numbers = " ".join(["0.25", "0.5", *default.split()[2:]])
+    usual = values_of(FuzzyPidConfig())["rules.kp"]
+    served.call(served.graph.graph.parameters, "fuzzy_pid", {"rules.kp": [numbers, *usual[1:]]})
+    settled(page, RULE, numbers)
+    first, second, third = (page.locator("#tables td button").nth(i) for i in range(3))
+    page.wait_for_function(
+        "() => document.querySelector('#tables td button').textContent === '0.25'"
+    )
+    field = page.locator("#tables td input")
+    first.click()
+    assert field.input_value() == "0.25"
+    field.fill("0.75")
+    field.press("Escape")
+    assert (field.count(), first.inner_text(), page.evaluate(f"() => {RULE}")) == (
+        0,
+        "0.25",
+        numbers,
+    )
+    first.click()
+    field.fill("0.75")
+    field.press("Enter")
+    settled(page, RULE, numbers.replace("0.25", "0.75"))
+    page.wait_for_function("() => document.activeElement.textContent === '0.75'")
+    second.click()  # what is written counts when another cell is clicked, and so does that click
+    field.fill("S")
+    third.click()
+    settled(page, "document.querySelectorAll('#tables td input').length", 0)
+    labels = page.evaluate("() => known.nodes.get('fuzzy_pid').rules.tables[0].labels")
+    old = default.split()[2]
+    new = labels[(labels.index(old) + 1) % len(labels)]
+    settled(page, RULE, " ".join(["0.75", "S", new, *default.split()[3:]]))
+    first.click()
+    field.fill("high")
+    field.press("Enter")
+    page.wait_for_selector("#alarm:not(:empty)")
+    assert "rules.kp" in page.inner_text("#alarm")
+    page.wait_for_function(
+        "() => document.querySelector('#tables td button').textContent === '0.75'"
+    )
+    served.call(served.graph.graph.parameters, "fuzzy_pid", {"rules.kp": list(usual)})
+    settled(page, RULE, default)
+
+
 def test_what_is_refused_leaves_nothing_to_undo(opened):
     page = opened()
     field = page.locator("#gain-fuzzy_pid-gains-d_min")

@@ -35,10 +35,17 @@ def test_triangles_have_their_peaks_labels_and_the_runs_inputs(view):
 @pytest.mark.slow
 def test_a_surface_has_its_cells_and_the_runs_way(view):
     figure = surface(view)
+    figure.draw_without_rendering()
     for axes, table in zip(figure.axes[::2], view.controller.tables, strict=True):
         cells = [text for i in range(7) for text in (row[i] for row in table.cells)]
         assert sorted(texts(axes)) == sorted(cells)
         assert axes.lines[-2].get_marker() == "o"
+        above, right = axes.child_axes
+        corner = above.get_xticklabels()[-1], right.get_yticklabels()[-1]
+        assert [text.get_text() for text in corner] == ["PB", "PB"]
+        top, side = (text.get_window_extent() for text in corner)
+        assert top.x1 < side.x0
+        assert side.y1 < top.y0
     assert [axes.get_title(loc="left") for axes in figure.axes[::2]][1:] == ["Kd′", "α"]
 
 

@@ -25,18 +25,46 @@ const rules = (() => {
     return usual?.length === error.length && cellsOf(usual[0]).length === rate.length;
   };
   const cellsOf = (text) => text.split(/\s+/).filter(Boolean);
-  const click = (name, labels, row, column) => {
+  const click = (name, labels, row, column, button) => {
+    const now = labels.indexOf(cellsOf(rowsOf(name)[row])[column]);
+    if (now < 0) write(button, (text) => put(name, row, column, text));
+    else put(name, row, column, labels[(now + 1) % labels.length]);
+  };
+  // A number is written over, by another or by a label: Enter puts it, Escape leaves the cell as it is.
+  const write = (button, done) => {
+    const field = document.createElement("input");
+    const before = button.textContent;
+    field.type = "text";
+    field.value = before;
+    field.setAttribute("aria-label", button.getAttribute("aria-label"));
+    field.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") field.value = before;
+      if (event.key !== "Enter" && event.key !== "Escape") return;
+      event.preventDefault(); // Enter would click the button
+      button.hidden = false;
+      button.focus();
+    });
+    field.addEventListener("blur", () => {
+      const text = field.value.trim();
+      field.remove();
+      button.hidden = false;
+      if (text && text !== before && button.isConnected) done(text);
+    }, { once: true });
+    button.hidden = true;
+    button.after(field);
+    field.select();
+  };
+  const put = (name, row, column, text) => {
     const rows = rowsOf(name).map(cellsOf);
-    const next = labels[(labels.indexOf(rows[row][column]) + 1) % labels.length];
-    rows[row][column] = next;
+    rows[row][column] = text;
     changed.set(name, rows.map((cells) => cells.join(" ")));
     if (collect.checked) show();
     else send();
   };
   const send = async () => {
     const values = Object.fromEntries(changed);
-    changed.clear();
     await edits.set(shown, values);
+    for (const [name, rows] of Object.entries(values)) if (changed.get(name) === rows) changed.delete(name);
     show();
   };
   apply.addEventListener("click", send);
@@ -77,7 +105,7 @@ const rules = (() => {
         const cell = line.insertCell();
         const button = document.createElement("button");
         button.type = "button";
-        button.addEventListener("click", () => click(name, labels, row, column));
+        button.addEventListener("click", () => click(name, labels, row, column, button));
         cell.append(button);
         return cell;
       });

@@ -200,14 +200,24 @@ def _cells(axes: Axes, cells: tuple[tuple[str, ...], ...], error: _Input, rate: 
 
 
 def _labels_above(axes: Axes, axis: _Input) -> None:
+    """Write the labels above their peaks; those at the corners end there, clear of the other axis's."""
     above = axes.secondary_xaxis("top")
     places = _shown(len(axis.peaks))
     above.set_xticks([axis.peaks[i] for i in places], [axis.labels[i] for i in places])
-    above.tick_params(length=0, pad=1, labelsize=7.5)
+    above.tick_params(length=0, pad=2, labelsize=7.5)
+    for place, text in zip(places, above.get_xticklabels(), strict=True):
+        text.set_horizontalalignment(_inwards(place, len(axis.peaks), "left", "right"))
 
 
 def _labels_right(axes: Axes, axis: _Input) -> None:
+    """Write the labels to the right of their peaks, as those above them."""
     right = axes.secondary_yaxis("right")
     places = _shown(len(axis.peaks))
     right.set_yticks([axis.peaks[i] for i in places], [axis.labels[i] for i in places])
-    right.tick_params(length=0, pad=1, labelsize=7.5)
+    right.tick_params(length=0, pad=2, labelsize=7.5)
+    for place, text in zip(places, right.get_yticklabels(), strict=True):
+        text.set_verticalalignment(_inwards(place, len(axis.peaks), "bottom", "top"))
+
+
+def _inwards(place: int, count: int, first: str, last: str) -> Any:
+    return {0: first, count - 1: last}.get(place, "center")
