@@ -79,6 +79,12 @@ def sum_up(found: Content) -> None:
 
 
 def write(found: Content, path: Path, digests: str = KEPT) -> Recording:
+    """Write a recording (`write_file`) and open it."""
+    write_file(found, path, digests)
+    return Recording.open(path)
+
+
+def write_file(found: Content, path: Path, digests: str = KEPT) -> None:
     """Write a recording; its digests are `KEPT` as they were, written `ANEW`, or left out (`NONE`)."""
     if digests == ANEW:
         sum_up(found)
@@ -128,7 +134,6 @@ def write(found: Content, path: Path, digests: str = KEPT) -> Recording:
         if digests == ANEW:
             writer.add_metadata(DIGESTS, running.values())
         writer.finish()
-    return Recording.open(path)
 
 
 def copied(source, path, edit=lambda messages: None, digests=KEPT, end=True, provenance=None):

@@ -55,6 +55,9 @@ MODULES = {
     "rule_tables": Module(
         CONTROL + "trunk_control/rule_tables.py", _in(CONTROL, "rule_tables", "config")
     ),
+    "rule_base": Module(
+        CONTROL + "trunk_control/rule_base.py", _in(CONTROL, "config", "rule_tables", "fuzzy_pid")
+    ),
     "decide": Module(
         CONTROL + "trunk_control/decide.py",
         _in(CONTROL, "controller", "bumpless_transfer"),

@@ -8,10 +8,9 @@ from pathlib import Path
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.reader import Recording
 
+from ..edited import content
 from . import mcap_bytes as m
-from . import tampered
 
 _STEPS = 3
 
@@ -23,15 +22,13 @@ def seeds(folder: Path) -> None:
     period = plan.simulator.period_ns / 1e9
     plan = replace(plan, simulator=replace(plan.simulator, duration=_STEPS * period))
     record_offline(plan, base, overwrite=True)
-    rows, metadata = tampered.read(base)
-    numbers = {topic: i for i, topic in enumerate(Recording.open(base).topics, 1)}
-    kinds = {topic: kind for topic, _, kind, _ in rows}
-    described = b"".join(
-        m.schema(numbers[topic], kind) + m.channel(numbers[topic], topic, numbers[topic])
-        for topic, kind in kinds.items()
+    run = content(base)
+    described = b"".join(m.schema(number, kind.name) for number, kind in run.schemas.items())
+    described += b"".join(m.channel(c.id, c.topic, c.schema_id) for c in run.channels.values())
+    messages = b"".join(
+        m.message(run.channels[topic].id, log, data) for topic, log, data, _, _ in run.messages
     )
-    messages = b"".join(m.message(numbers[topic], log, data) for topic, log, _, data in rows)
-    more = b"".join(m.metadata(name, values) for name, values in metadata)
+    more = b"".join(m.metadata(name, values) for name, values in run.metadata)
     for name, records in (
         ("unchunked", [described + messages + more]),
         ("plain", [m.chunk(described + messages, compression=""), more]),

@@ -9,66 +9,32 @@ from math import inf, nan
 from pathlib import Path
 from typing import Any
 
-from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.records import Schema
 
 from trunk_msgs_util.recording import schemas
 
-from .mcap_bytes import EVENTS, JOINT_STATE, PARAMETERS, joint_state
+from ..edited import NONE, Content, content, write_file
+from .mcap_bytes import EVENTS, JOINT_STATE, joint_state
 
 TRUTH, SEEN = "/ground_truth/joint_states", "/joint_states"
 COMMAND, DISTURBANCE, STATE = "/effort_command", "/disturbance", "/pid/state"
 GIVEN, SAID = "/run/parameters", "/run/events"
 FAR_NS = (2**31 - 1) * 10**9
 
-Rows = list[list[Any]]  # topic, log time in ns, type, message
+Rows = list[list[Any]]  # messages: topic, log time in ns, bytes, publish time in ns, sequence
+Change = Callable[[Content], Rows | None]
 
 
-def read(path: Path) -> tuple[Rows, list[tuple[str, dict[str, str]]]]:
-    """Return a file's messages and metadata records, as the library ``mcap`` reads them."""
-    with path.open("rb") as file:
-        reader = make_reader(file)
-        rows = [
-            [channel.topic, message.log_time, schema.name if schema else "", message.data]
-            for schema, channel, message in reader.iter_messages(log_time_order=False)
-        ]
-        return rows, [(m.name, m.metadata) for m in reader.iter_metadata()]
-
-
-def write(path: Path, rows: Rows, metadata: list[tuple[str, dict[str, str]]]) -> Path:
-    """Write messages and metadata records; digests are left out."""
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start("ros2", "trunk_msgs_util hostile")
-        numbers: dict[str, int] = {}
-        channels: dict[str, int] = {}
-        first, last = (
-            [m for m in metadata if (m[0] == "trunk_end") == end and m[0] != "trunk_digests"]
-            for end in (False, True)
-        )
-        for name, values in first:
-            writer.add_metadata(name, values)
-        for topic, log, kind, data in rows:
-            if kind not in numbers:
-                numbers[kind] = writer.register_schema(kind, "ros2msg", b"")
-            if topic not in channels:
-                channels[topic] = writer.register_channel(topic, "cdr", numbers[kind])
-            writer.add_message(channels[topic], max(log, 0), data, max(log, 0))
-        for name, values in last:
-            writer.add_metadata(name, values)
-        writer.finish()
+def edited(change: Change, base: Path, path: Path) -> Path:
+    """Write ``base`` with its messages changed, without digests."""
+    run = content(base)
+    run.messages = change(run) or run.messages
+    for row in run.messages:
+        row[1] = row[3] = max(row[1], 0)
+    for name in run.channels.keys() - {row[0] for row in run.messages}:
+        del run.channels[name]
+    write_file(run, path, NONE)
     return path
-
-
-def edited(change: Callable[[Rows], Rows | None], base: Path, path: Path) -> Path:
-    """Write ``base`` with its messages changed."""
-    rows, metadata = read(base)
-    return write(path, change(rows) or rows, metadata)
-
-
-def of(topic: str, rows: Rows) -> Rows:
-    """Return a topic's messages."""
-    return [row for row in rows if row[0] == topic]
 
 
 def sample(data: bytes) -> dict[str, Any]:
@@ -84,14 +50,14 @@ def sample(data: bytes) -> dict[str, Any]:
 
 
 def joints(
-    topics: tuple[str, ...], change: Callable[[dict[str, Any], int], Any], rows: Rows
+    topics: tuple[str, ...], change: Callable[[dict[str, Any], int], Any], run: Content
 ) -> None:
     """Change every message of some JointState topics, given as arguments and a running number."""
     for topic in topics:
-        for i, row in enumerate(of(topic, rows)):
-            arguments = sample(row[3])
+        for i, row in enumerate(run.of(topic)):
+            arguments = sample(row[2])
             change(arguments, i)
-            row[3] = joint_state(**arguments)
+            row[2] = joint_state(**arguments)
 
 
 def _without(quantity: str) -> Callable[[dict[str, Any], int], Any]:
@@ -114,34 +80,34 @@ def _stamped(ns: Callable[[int, int], int]) -> Callable[[dict[str, Any], int], A
     return lambda a, i: a.update({"ns": ns(a["ns"], i)})
 
 
-def dropped(topic: str, rows: Rows) -> Rows:
+def dropped(topic: str, run: Content) -> Rows:
     """Return all messages but a topic's."""
-    return [row for row in rows if row[0] != topic]
+    return [row for row in run.messages if row[0] != topic]
 
 
-def _garbage(topic: str, data: bytes, at: Callable[[int], bool], rows: Rows) -> None:
-    for i, row in enumerate(of(topic, rows)):
+def _garbage(topic: str, data: bytes, at: Callable[[int], bool], run: Content) -> None:
+    for i, row in enumerate(run.of(topic)):
         if at(i):
-            row[3] = data
+            row[2] = data
 
 
-def _added(topic: str, kind: str, data: bytes, rows: Rows) -> Rows:
-    return [*rows, [topic, rows[-1][1], kind, data]]
+def _added(topic: str, data: bytes, run: Content) -> Rows:
+    return [*run.messages, [topic, run.messages[-1][1], data, 0, 0]]
 
 
-def parameters(change: Callable[[str, dict[str, Any]], Any], rows: Rows) -> None:
+def parameters(change: Callable[[str, dict[str, Any]], Any], run: Content) -> None:
     """Change the nodes' first parameters."""
-    for row in of(GIVEN, rows):
-        found = schemas.parse_parameter_event(row[3])
+    for row in run.of(GIVEN):
+        found = schemas.parse_parameter_event(row[2])
         values = dict(found.new)
         if not values:
             continue
         change(found.node, values)
         kinds = {name: "double array" for name, value in values.items() if value == ()}
-        row[3] = schemas.parameter_event(found.stamp_ns, found.node, values, {}, kinds)
+        row[2] = schemas.parameter_event(found.stamp_ns, found.node, values, {}, kinds)
 
 
-def _parameter(node: str, name: str, value: Any) -> Callable[[Rows], None]:
+def _parameter(node: str, name: str, value: Any) -> Callable[[Content], None]:
     def change(at: str, values: dict[str, Any]) -> None:
         if at == node:
             values[name] = value
@@ -162,9 +128,10 @@ def _no_status() -> bytes:
     return schemas.serialize(EVENTS, message)
 
 
-def _typed(topic: str, kind: str, rows: Rows) -> None:
-    for row in of(topic, rows):
-        row[2] = kind
+def _typed(topic: str, kind: str, run: Content) -> None:
+    number = max(run.schemas) + 1
+    run.schemas[number] = Schema(number, b"", "ros2msg", kind)
+    run.channels[topic].schema_id = number
 
 
 def _alternating(a: dict[str, Any], i: int) -> None:
@@ -173,9 +140,9 @@ def _alternating(a: dict[str, Any], i: int) -> None:
         a[key] = a[key][keep]
 
 
-def _big_endian(rows: Rows) -> None:
-    for row in of(TRUTH, rows):
-        a = sample(row[3])
+def _big_endian(run: Content) -> None:
+    for row in run.of(TRUTH):
+        a = sample(row[2])
         data = b"\0\0\0\0" + struct.pack(">iI", *divmod(a["ns"], 10**9)) + struct.pack(">I", 1)
         data += b"\0\0\0\0" + struct.pack(">I", len(a["names"]))
         for name in a["names"]:
@@ -186,25 +153,26 @@ def _big_endian(rows: Rows) -> None:
             data += bytes(-(len(data) - 4) % 4) + struct.pack(">I", len(values))
             data += bytes(-(len(data) - 4) % 8) if values else b""
             data += struct.pack(f">{len(values)}d", *values)
-        row[3] = data
+        row[2] = data
 
 
-def _arm(rows: Rows) -> Rows:
+def _arm(run: Content) -> Rows:
     names = [f"joint_{i}" for i in range(7)]
     return [
-        [SEEN, k * 10**7, JOINT_STATE, joint_state(k * 10**7, names, [0.1 * k] * 7)]
-        for k in range(300)
+        [SEEN, k * 10**7, joint_state(k * 10**7, names, [0.1 * k] * 7), 0, 0] for k in range(300)
     ]
 
 
-def _renamed_topics(rows: Rows) -> None:
-    for row in rows:
-        if row[0] == STATE:
-            row[0] = "/strange/state"
+def _unknown_controller(run: Content) -> None:
+    channel = run.channels.pop(STATE)
+    channel.topic = "/strange/state"
+    run.channels[channel.topic] = channel
+    for row in run.of(STATE):
+        row[0] = channel.topic
 
 
 _EVERY = (TRUTH, SEEN, COMMAND, DISTURBANCE)
-_CHANGES: dict[str, Callable[[Rows], Rows | None]] = {
+_CHANGES: dict[str, Change] = {
     **{
         f"{topic.strip('/').replace('/', '.')} without {quantity}": partial(
             joints, (topic,), _without(quantity)
@@ -241,9 +209,9 @@ _CHANGES: dict[str, Callable[[Rows], Rows | None]] = {
     **{
         f"no {topic.strip('/')}": partial(dropped, topic) for topic in (*_EVERY, STATE, GIVEN, SAID)
     },
-    "nothing but true states": lambda rows: of(TRUTH, rows),
-    "only the first state": lambda rows: [
-        row for row in rows if row[0] not in (*_EVERY, STATE) or sample(row[3])["ns"] == 0
+    "nothing but true states": lambda run: run.of(TRUTH),
+    "only the first state": lambda run: [
+        row for row in run.messages if row[0] not in (*_EVERY, STATE) or sample(row[2])["ns"] == 0
     ],
     "another joint parameter": _parameter("/pid", "joint", "elbow"),
     "another hip parameter": _parameter("/pid", "hip_joint", "knee"),
@@ -262,29 +230,27 @@ _CHANGES: dict[str, Callable[[Rows], Rows | None]] = {
         parameters, lambda node, values: values.clear() if node == "/simulator" else None
     ),
     "a parameter nobody knows": _parameter("/pid", "spin", 1.0),
-    "an event without a status": lambda rows: _added(SAID, EVENTS, _no_status(), rows),
-    "an event of garbage": lambda rows: _added(SAID, EVENTS, b"\0\1\0\0\xff\xff", rows),
-    "an event that is empty": lambda rows: _added(SAID, EVENTS, b"", rows),
-    "an event that claims 4 GB": lambda rows: _added(
-        SAID, EVENTS, b"\0\1\0\0" + bytes(8) + b"\xff\xff\xff\x7f" * 9, rows
+    "an event without a status": lambda run: _added(SAID, _no_status(), run),
+    "an event of garbage": lambda run: _added(SAID, b"\0\1\0\0\xff\xff", run),
+    "an event that is empty": lambda run: _added(SAID, b"", run),
+    "an event that claims 4 GB": lambda run: _added(
+        SAID, b"\0\1\0\0" + bytes(8) + b"\xff\xff\xff\x7f" * 9, run
     ),
-    "an end of `many` states": lambda rows: _added(
-        SAID, EVENTS, schemas.event(0, "/simulator", "finished", {"states": "many"}), rows
+    "an end of `many` states": lambda run: _added(
+        SAID, schemas.event(0, "/simulator", "finished", {"states": "many"}), run
     ),
-    "a fall of `up`": lambda rows: _added(
-        SAID, EVENTS, schemas.event(0, "/simulator", "fell", {"angle": "up", "limit": ""}), rows
+    "a fall of `up`": lambda run: _added(
+        SAID, schemas.event(0, "/simulator", "fell", {"angle": "up", "limit": ""}), run
     ),
-    "a change of garbage": lambda rows: _added(
-        GIVEN, PARAMETERS, b"\0\1\0\0\1\2\3\4\5\6\7\xff\xff\xff", rows
+    "a change of garbage": lambda run: _added(GIVEN, b"\0\1\0\0\1\2\3\4\5\6\7\xff\xff\xff", run),
+    "a change to a text": lambda run: _added(
+        GIVEN, schemas.parameter_event(10**8, "/pid", {}, {"kp": "high"}), run
     ),
-    "a change to a text": lambda rows: _added(
-        GIVEN, PARAMETERS, schemas.parameter_event(10**8, "/pid", {}, {"kp": "high"}), rows
+    "a change far from now": lambda run: _added(
+        GIVEN, schemas.parameter_event(FAR_NS, "/pid", {}, {"kp": 1.0}), run
     ),
-    "a change far from now": lambda rows: _added(
-        GIVEN, PARAMETERS, schemas.parameter_event(FAR_NS, "/pid", {}, {"kp": 1.0}), rows
-    ),
-    "a reset far from now": lambda rows: _added(
-        SAID, EVENTS, schemas.event(FAR_NS, "/simulator", "reset"), rows
+    "a reset far from now": lambda run: _added(
+        SAID, schemas.event(FAR_NS, "/simulator", "reset"), run
     ),
     "one true state of garbage": partial(_garbage, TRUTH, b"\0\1\0\0garbage", lambda i: i == 7),
     "every other true state of garbage": partial(_garbage, TRUTH, b"\xff" * 40, lambda i: i % 2),
@@ -313,10 +279,10 @@ _CHANGES: dict[str, Callable[[Rows], Rows | None]] = {
     "equal stamps": partial(joints, _EVERY, _stamped(lambda ns, i: 0)),
     "stamps backwards": partial(joints, _EVERY, _stamped(lambda ns, i: 2 * 10**9 - ns)),
     "stamps off the period": partial(joints, _EVERY, _stamped(lambda ns, i: ns + i * 7)),
-    "log times of 2^63 - 1": lambda rows: [[t, 2**63 - 1, k, d] for t, _, k, d in rows],
+    "log times of 2^63 - 1": lambda run: [[row[0], 2**63 - 1, *row[2:]] for row in run.messages],
     "an arm with seven joints": _arm,
-    "a controller nobody knows": _renamed_topics,
-    "the reverse order": lambda rows: rows[::-1],
+    "a controller nobody knows": _unknown_controller,
+    "the reverse order": lambda run: run.messages[::-1],
 }
 
 FILES: dict[str, Callable[[Path, Path], Path]] = {
