@@ -200,20 +200,21 @@ class Engine {
   }
 
   #segment(stop) {
-    const { lab, count: first, width } = this;
+    const { count: first, width } = this;
     const code = this.#code;
     if (this.noisy) this.#doubles(code.noise_of(), 2 * (stop - first)).set(this.#samples(stop).subarray(2 * first, 2 * stop));
     this.#fillPushes(first, stop);
     const end = code.advance(first, stop);
     this.table.set(this.#doubles(code.table_of(), (end - first) * width), first * width);
-    const fallen = this.names.indexOf("fallen");
+    const [fallen, torque, drive] = ["fallen", "torque", "drive"].map((name) => this.names.indexOf(name));
     for (let k = first; k < end; k++) {
+      // Where the plant has changed in between, the step before this state is not what was foreseen in the last.
+      if (k > 0) this.table[(k - 1) * width + drive] = this.table[k * width + torque];
       const before = k > 0 && this.table[(k - 1) * width + fallen] !== 0;
       if (this.table[k * width + fallen] !== 0 && !before) this.falls.push(k);
     }
     this.count = end;
     this.ended = ["", "fell", "diverged"][code.how_it_ended()];
-    void lab;
   }
 
   // A push holds until the next one, or until it is too old.
