@@ -61,11 +61,11 @@ def gather(**known: str) -> dict[str, str]:
     return {**origin, **known}
 
 
-def of_page(**known: str) -> dict[str, str]:
-    """Return the facts about the code in a page that simulates in a browser, which adds when and where."""
+def of_page() -> dict[str, str]:
+    """Return the facts about the code in a page that computes runs; the browser adds when and where."""
     made_elsewhere = {*OF_MACHINE, *_LIBRARIES, "python"}
     code = {name: text for name, text in gather().items() if name not in made_elsewhere}
-    return {**code, **known, _MADE_BY: _BROWSER}
+    return {**code, _MADE_BY: _BROWSER}
 
 
 def page_of(origin: Mapping[str, str]) -> str:

@@ -20,6 +20,7 @@ from ..plans.plan import RunPlan
 from ..runs.loop_inputs import check_compilable, states_of
 from .knobs import Knob, KnobSearch, NodeKnobs, RuleKnob
 from .program import CHUNK, LabProgram, numbers_of_loop
+from .recording_template import recording_template
 from .wasm import wasm_of
 
 MOST_STATES = 200_000  # a table in a page's memory
@@ -41,6 +42,8 @@ def check_plan(plan: RunPlan) -> None:
         raise PlanError(
             "simulator.link: messages that are late or lost are not in a lab: leave out link.*"
         )
+    if plan.recorder.markers:
+        raise PlanError("recorder.markers: a lab records no picture: set it to false")
     for name, config in plan.controllers.items():
         if config.active_times:
             raise PlanError(
@@ -97,6 +100,7 @@ def lab_of(
         },
         "orders": {node: [vars(order) for order in found.orders] for node, found in knobs.items()},
         "commands": {name: list(words) for name, words in commands.items()},
+        "recording": recording_template(plans),
         "programs": programs,
     }
 

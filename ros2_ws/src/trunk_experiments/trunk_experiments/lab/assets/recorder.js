@@ -9,10 +9,10 @@ const recordingOf = (() => {
     return Number.isInteger(value) ? `${value}.0` : String(value);
   };
 
-  // A parameter is [name, kind, value]; JSON has infinity as a text.
+  // A parameter is [name, kind, value].
   const read = (kind, value) => {
     if (Array.isArray(value)) return value.map((element) => read(kind.split(" ")[0], element));
-    return kind === "double" ? Number(value) : value;
+    return kind === "double" ? numberOf(value) : value;
   };
   const withValues = (parameters, values = {}) => parameters.map(
     ([name, kind, value]) => [name, kind, read(kind, values[name] ?? value)],
@@ -43,7 +43,7 @@ const recordingOf = (() => {
 
   // What a branch changes, in the order in which it is recorded: it takes effect after the state with index `after`.
   const changesOf = (nodes, branch, period) => Object.keys(branch.values).sort().map((node) => {
-    const after = branch.at_ns / period - (node === "simulator" ? 0 : 1);
+    const after = Math.ceil(branch.at_ns / period) - (node === "simulator" ? 0 : 1);
     const present = withValues(nodes[node], branch.values[node]);
     const changed = present.filter(([, , value], i) => !equal(value, nodes[node][i][2]));
     return { node, after, ns: after < 0 ? -1 : after * period, changed, present };
