@@ -25,6 +25,7 @@ from .pid_family import (
     Terms,
     combine,
     error_derivative,
+    error_inputs,
     held,
     law_of_pid_family,
     usable,
@@ -233,13 +234,6 @@ def last_gains(state: PidState, sample: Sample, constants: tuple[FuzzyRules, Gai
     return inferred_gains(state.error, state.derivative, constants[0], constants[1])[0]
 
 
-def inputs(state: PidState, sample: Sample, limits: Limits) -> tuple[float, float]:
-    """Return the error and its derivative, the inputs of the rules."""
-    s = sample
-    error = s.reference - s.measurement
-    return error, error_derivative(state, error, s.measurement, s.rate, s.dt, limits)
-
-
 def cell(error: float, error_rate: float, constants: tuple[FuzzyRules, GainBox]) -> FuzzyCell:
     """Return the four rules that fire."""
     return cell_at(error, error_rate, constants[0])
@@ -257,7 +251,7 @@ def describe(config: FuzzyPidConfig) -> str:
     return "custom rules" if config.rules != FuzzyPidConfig().rules else ""
 
 
-LOOKUP = Lookup(inputs, cell, near, FuzzyCell)
+LOOKUP = Lookup(error_inputs, cell, near, FuzzyCell)
 LAW = law_of_pid_family(
     "fuzzy_pid", "Fuzzy-PID", FuzzyPidConfig, fuzzy_pid_update, last_gains, describe, LOOKUP
 )
