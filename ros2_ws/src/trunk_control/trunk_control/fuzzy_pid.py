@@ -11,7 +11,7 @@ from functools import partial
 from math import inf
 from typing import ClassVar, NamedTuple
 
-from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+from trunk_msgs_util.parameters.declarations import parameter
 from trunk_msgs_util.samples import Value
 
 from . import rule_tables
@@ -49,8 +49,12 @@ class GainBox(NamedTuple):
     d_max: float = 18.0  # N m s/rad
 
 
-def _range_gain(name: str, default: float, description: str, unit: str) -> float:
-    gain: float = parameter(name, default, description, unit=unit, above=0.0, maximum=1e9)
+def _range_gain(
+    name: str, default: float, description: str, unit: str, at_least: str = ""
+) -> float:
+    gain: float = parameter(
+        name, default, description, unit=unit, above=0.0, maximum=1e9, at_least=at_least
+    )
     return gain
 
 
@@ -59,9 +63,13 @@ class GainRangesConfig(ControllerConfig):
     """The ranges of the inferred gains. The defaults are the paper's eq. 16, corrected."""
 
     p_min: float = _range_gain("gains.p_min", 32.0, "Kp where Kp' = 0: 0.32 Ku", "N m/rad")
-    p_max: float = _range_gain("gains.p_max", 60.0, "Kp where Kp' = 1: 0.60 Ku", "N m/rad")
+    p_max: float = _range_gain(
+        "gains.p_max", 60.0, "Kp where Kp' = 1: 0.60 Ku", "N m/rad", "gains.p_min"
+    )
     d_min: float = _range_gain("gains.d_min", 9.6, "Kd where Kd' = 0: 0.08 Ku Tu", "N m s/rad")
-    d_max: float = _range_gain("gains.d_max", 18.0, "Kd where Kd' = 1: 0.15 Ku Tu", "N m s/rad")
+    d_max: float = _range_gain(
+        "gains.d_max", 18.0, "Kd where Kd' = 1: 0.15 Ku Tu", "N m s/rad", "gains.d_min"
+    )
 
 
 @dataclass(frozen=True)
@@ -131,15 +139,6 @@ class FuzzyPidConfig(RuleBaseConfig, GainRangesConfig):
         "fuzzy.kd_centers": rule_tables.GAIN_CENTERS,
         "fuzzy.alpha_labels": rule_tables.ALPHA_LABELS,
     }
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for low, high, name in (
-            (self.p_min, self.p_max, "gains.p_max"),
-            (self.d_min, self.d_max, "gains.d_max"),
-        ):
-            if high < low:
-                raise ParameterError(name, high, f"at least {name.replace('max', 'min')} ({low:g})")
 
     @property
     def tables(self) -> tuple[RuleTable, ...]:

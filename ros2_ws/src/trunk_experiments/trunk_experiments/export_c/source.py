@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from math import inf
 from string import Template
 
-from trunk_msgs_util.parameters.declarations import Declaration
+from trunk_msgs_util.parameters.declarations import Declaration, declarations
 from trunk_msgs_util.provenance import ARITHMETIC
 from trunk_msgs_util.units import seconds
 
@@ -159,13 +159,22 @@ def _tuning(e: ExportedController) -> str:
         "tuning.c",
         e,
         reads="\n".join(f"    {p} = controller->constants{leaf.place};" for p, leaf in pairs),
-        checks="\n".join(
-            f"    sound = sound && {_range(leaf.declaration, p)};" for p, leaf in pairs
-        ),
+        checks="\n".join(f"    sound = sound && {check};" for check in _checks(e)),
         writes="\n".join(f"    after{leaf.place} = {p};" for p, leaf in pairs),
         constants=e.program.c_type(e.constants_type),
         change=_changed(e, e.retune, ["&controller->constants", "&after", f"&{limits}"]),
     )
+
+
+def _checks(e: ExportedController) -> Iterator[str]:
+    """Yield the conditions of new parameters: each one's range, and the declared rules that join two."""
+    new = {leaf.declaration.name: f"parameters->{leaf.name}" for leaf in e.leaves}
+    for leaf in e.leaves:
+        yield _range(leaf.declaration, new[leaf.declaration.name])
+    for name, declared in declarations(type(e.config)).items():
+        joined = {n: new.get(n) or f"{e.values[n]!r}" for n in (name, declared.at_least) if n}
+        if declared.at_least and not new.keys().isdisjoint(joined):
+            yield " >= ".join(joined.values())
 
 
 def _range(declared: Declaration, value: str) -> str:
