@@ -23,7 +23,7 @@ from trunk_control.law import Hip, Law
 from trunk_control.laws import law_named
 from trunk_experiments.export_c.controller import ExportedController, ExportedStep
 from trunk_experiments.export_c.files import base_files
-from trunk_experiments.export_c.source import fill
+from trunk_experiments.export_c.source import fill_from_bytes
 from trunk_experiments.plans.nodes import CONTROLLERS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -158,18 +158,8 @@ def write(folder: Path, exported: ExportedController, rows: list[ExportedStep]) 
     """Write an exported controller with these rows, and its WebAssembly side."""
     for name, text in base_files(exported, rows).items():
         (folder / name).write_bytes(text)
-    integers = ("stamp_ns", "has_reference")
-    names = (
-        *("stamp_ns", "position", "velocity", "hip_position", "hip_velocity", "effort"),
-        *("has_reference", "reference"),
-    )
-    cells = {
-        name: f"{'integer' if name in integers else 'real'}_at(bytes + {8 * i})"
-        for i, name in enumerate(names)
-    }
-    cells["has_reference"] += " != 0"
     text = Template((HERE / "wasm.c.in").read_text()).substitute(
-        name=exported.name, bytes=80 * 1000, fill=fill(exported, cells, 2)
+        name=exported.name, bytes=80 * 1000, fill=fill_from_bytes(exported)
     )
     (folder / "wasm.c").write_text(text)
 

@@ -8,7 +8,11 @@ from itertools import pairwise
 from math import inf
 from typing import Any, ClassVar
 
-from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+from trunk_msgs_util.parameters.declarations import (
+    ParameterError,
+    check_together,
+    parameter,
+)
 from trunk_msgs_util.samples import Value
 from trunk_msgs_util.units import nanoseconds
 
@@ -126,6 +130,7 @@ class ControllerConfig(ReferenceConfig):
                 f"it must be greater than u_clamp_min ({self.u_clamp_min:g})",
             )
         super().__post_init__()
+        check_together(self)
         if any(b <= a for a, b in pairwise(self.active_times)):
             raise ParameterError("active.times", self.active_times, "strictly ascending times")
 

@@ -147,13 +147,15 @@ class FuzzyCell(NamedTuple):
 
 
 def cell_edges(
-    i: int, error_peaks: Sequence[float], j: int, rate_peaks: Sequence[float]
-) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return the range and the peaks of the cell at the i-th peak of e and the j-th of e_dot.
+    error: float, error_rate: float, error_peaks: Sequence[float], rate_peaks: Sequence[float]
+) -> tuple[tuple[float, float, float, float, float, float, float, float], int]:
+    """Return range and peaks of the cell that contains the inputs, and the index of its first rule.
 
     In the order of `FuzzyCell`: a cell at the edge holds without end.
     """
-    return (
+    i, _ = locate(error, error_peaks)
+    j, _ = locate(error_rate, rate_peaks)
+    edges = (
         error_peaks[i] if i > 0 else -inf,
         error_peaks[i + 1] if i < len(error_peaks) - 2 else inf,
         rate_peaks[j] if j > 0 else -inf,
@@ -163,29 +165,26 @@ def cell_edges(
         rate_peaks[j],
         rate_peaks[j + 1],
     )
+    return edges, i * len(rate_peaks) + j
+
+
+def four_rules(
+    table: Sequence[float], corner: int, columns: int
+) -> tuple[float, float, float, float]:
+    """Return the centres of the rules of the cell at index ``corner``, row by row."""
+    below = corner + columns
+    return table[corner], table[corner + 1], table[below], table[below + 1]
 
 
 def cell_at(error: float, error_rate: float, rules: FuzzyRules) -> FuzzyCell:
     """Return the cell of the rule base that contains the inputs."""
-    i, _ = locate(error, rules.error_peaks)
-    j, _ = locate(error_rate, rules.rate_peaks)
+    edges, corner = cell_edges(error, error_rate, rules.error_peaks, rules.rate_peaks)
     columns = len(rules.rate_peaks)
-    corner = i * columns + j
-    below = corner + columns
     return FuzzyCell(
-        *cell_edges(i, rules.error_peaks, j, rules.rate_peaks),
-        rules.kp[corner],
-        rules.kp[corner + 1],
-        rules.kp[below],
-        rules.kp[below + 1],
-        rules.kd[corner],
-        rules.kd[corner + 1],
-        rules.kd[below],
-        rules.kd[below + 1],
-        rules.alpha[corner],
-        rules.alpha[corner + 1],
-        rules.alpha[below],
-        rules.alpha[below + 1],
+        *edges,
+        *four_rules(rules.kp, corner, columns),
+        *four_rules(rules.kd, corner, columns),
+        *four_rules(rules.alpha, corner, columns),
     )
 
 

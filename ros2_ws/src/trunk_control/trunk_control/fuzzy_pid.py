@@ -11,7 +11,7 @@ from functools import partial
 from math import inf
 from typing import ClassVar, NamedTuple
 
-from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+from trunk_msgs_util.parameters.declarations import parameter
 from trunk_msgs_util.samples import Value
 
 from . import rule_tables
@@ -25,6 +25,7 @@ from .pid_family import (
     Terms,
     combine,
     error_derivative,
+    error_inputs,
     held,
     law_of_pid_family,
     usable,
@@ -48,8 +49,12 @@ class GainBox(NamedTuple):
     d_max: float = 18.0  # N m s/rad
 
 
-def _range_gain(name: str, default: float, description: str, unit: str) -> float:
-    gain: float = parameter(name, default, description, unit=unit, above=0.0, maximum=1e9)
+def _range_gain(
+    name: str, default: float, description: str, unit: str, at_least: str = ""
+) -> float:
+    gain: float = parameter(
+        name, default, description, unit=unit, above=0.0, maximum=1e9, at_least=at_least
+    )
     return gain
 
 
@@ -58,9 +63,13 @@ class GainRangesConfig(ControllerConfig):
     """The ranges of the inferred gains. The defaults are the paper's eq. 16, corrected."""
 
     p_min: float = _range_gain("gains.p_min", 32.0, "Kp where Kp' = 0: 0.32 Ku", "N m/rad")
-    p_max: float = _range_gain("gains.p_max", 60.0, "Kp where Kp' = 1: 0.60 Ku", "N m/rad")
+    p_max: float = _range_gain(
+        "gains.p_max", 60.0, "Kp where Kp' = 1: 0.60 Ku", "N m/rad", "gains.p_min"
+    )
     d_min: float = _range_gain("gains.d_min", 9.6, "Kd where Kd' = 0: 0.08 Ku Tu", "N m s/rad")
-    d_max: float = _range_gain("gains.d_max", 18.0, "Kd where Kd' = 1: 0.15 Ku Tu", "N m s/rad")
+    d_max: float = _range_gain(
+        "gains.d_max", 18.0, "Kd where Kd' = 1: 0.15 Ku Tu", "N m s/rad", "gains.d_min"
+    )
 
 
 @dataclass(frozen=True)
@@ -130,15 +139,6 @@ class FuzzyPidConfig(RuleBaseConfig, GainRangesConfig):
         "fuzzy.kd_centers": rule_tables.GAIN_CENTERS,
         "fuzzy.alpha_labels": rule_tables.ALPHA_LABELS,
     }
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for low, high, name in (
-            (self.p_min, self.p_max, "gains.p_max"),
-            (self.d_min, self.d_max, "gains.d_max"),
-        ):
-            if high < low:
-                raise ParameterError(name, high, f"at least {name.replace('max', 'min')} ({low:g})")
 
     @property
     def tables(self) -> tuple[RuleTable, ...]:
@@ -233,13 +233,6 @@ def last_gains(state: PidState, sample: Sample, constants: tuple[FuzzyRules, Gai
     return inferred_gains(state.error, state.derivative, constants[0], constants[1])[0]
 
 
-def inputs(state: PidState, sample: Sample, limits: Limits) -> tuple[float, float]:
-    """Return the error and its derivative, the inputs of the rules."""
-    s = sample
-    error = s.reference - s.measurement
-    return error, error_derivative(state, error, s.measurement, s.rate, s.dt, limits)
-
-
 def cell(error: float, error_rate: float, constants: tuple[FuzzyRules, GainBox]) -> FuzzyCell:
     """Return the four rules that fire."""
     return cell_at(error, error_rate, constants[0])
@@ -257,7 +250,7 @@ def describe(config: FuzzyPidConfig) -> str:
     return "custom rules" if config.rules != FuzzyPidConfig().rules else ""
 
 
-LOOKUP = Lookup(inputs, cell, near, FuzzyCell)
+LOOKUP = Lookup(error_inputs, cell, near, FuzzyCell)
 LAW = law_of_pid_family(
     "fuzzy_pid", "Fuzzy-PID", FuzzyPidConfig, fuzzy_pid_update, last_gains, describe, LOOKUP
 )

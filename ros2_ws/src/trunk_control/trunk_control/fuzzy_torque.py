@@ -11,15 +11,10 @@ from typing import NamedTuple
 
 from trunk_msgs_util.parameters.declarations import parameter
 
-from .fuzzy import FiredRule, bilinear, cell_edges, fired_at, locate
+from .fuzzy import FiredRule, bilinear, cell_edges, fired_at, four_rules, locate
 from .law import Law, Lookup, Sample
-from .limits import (
-    ANTIWINDUP_BACK_CALCULATION,
-    ANTIWINDUP_CONDITIONAL_INTEGRATION,
-    Limits,
-    limited,
-)
-from .pid_family import PidState, error_derivative, usable
+from .limits import Limits, limited
+from .pid_family import Gains, PidState, error_derivative, error_inputs, integral_kept, usable
 from .rule_base import (
     RuleBaseConfig,
     centers_parameter,
@@ -179,9 +174,9 @@ def fuzzy_update(
         form pi:  u_k = U_k = U_{k-1} + h K f(e_k, D_k)             K in N m/s
 
     U is ``state.integral``, here in N m; it stays within ``i_min`` and ``i_max``. Anti-windup acts
-    afterwards, on the U of the next sample, as in `pid_family.combine`: conditional integration drops the
-    increment where u is limited and ``u f > 0``; back-calculation adds ``h (u_limited - u) / T_t``, where
-    T_t = 0 means h.
+    afterwards, on the U of the next sample (`pid_family.integral_kept`, with f for e and ki = 1): conditional
+    integration drops the increment where u is limited and ``u f > 0``; back-calculation adds
+    ``h (u_limited - u) / T_t``, where T_t = 0 means h.
     A sample that is not usable, and an overflow, are held. Source: D. Driankov, H. Hellendoorn, M. Reinfrank,
     An Introduction to Fuzzy Control, 1993, 3.3: PD-like and PI-like controllers.
     """
@@ -203,15 +198,9 @@ def fuzzy_update(
     u = table_term + integral
     effort = limited(u, limits)
     kept = integral
-    if integrating and effort != u:
-        if limits.antiwindup == ANTIWINDUP_CONDITIONAL_INTEGRATION:
-            if u * output > 0.0:
-                kept = state.integral
-        elif limits.antiwindup == ANTIWINDUP_BACK_CALCULATION:
-            tracking = limits.tracking_time_constant
-            if tracking < dt:
-                tracking = dt  # faster would overshoot the limit
-            kept = integral + dt * (effort - u) / tracking
+    if integrating:
+        unit = Gains(0.0, 1.0, 0.0)
+        kept = integral_kept(integral, state.integral, output, u, effort, dt, unit, limits)
     total = effort + kept + derivative
     if total - total != 0.0:
         return fuzzy_held(state, limits)
@@ -260,28 +249,11 @@ def reconfigure(memory: PidState, sample: Sample, before: Constants, after: Cons
     )
 
 
-def inputs(state: PidState, sample: Sample, limits: Limits) -> tuple[float, float]:
-    """Return the error and its derivative, the inputs of the rules."""
-    s = sample
-    error = s.reference - s.measurement
-    return error, error_derivative(state, error, s.measurement, s.rate, s.dt, limits)
-
-
 def cell(error: float, error_rate: float, constants: Constants) -> TorqueCell:
     """Return the four rules that fire."""
     rules = constants[0]
-    i, _ = locate(error, rules.error_peaks)
-    j, _ = locate(error_rate, rules.rate_peaks)
-    columns = len(rules.rate_peaks)
-    corner = i * columns + j
-    below = corner + columns
-    return TorqueCell(
-        *cell_edges(i, rules.error_peaks, j, rules.rate_peaks),
-        rules.table[corner],
-        rules.table[corner + 1],
-        rules.table[below],
-        rules.table[below + 1],
-    )
+    edges, corner = cell_edges(error, error_rate, rules.error_peaks, rules.rate_peaks)
+    return TorqueCell(*edges, *four_rules(rules.table, corner, len(rules.rate_peaks)))
 
 
 def near(rules_near: TorqueCell, constants: Constants) -> Constants:
@@ -310,7 +282,7 @@ UNITS = {
     "unsaturated": "N m",
     "effort": "N m",
 }
-LOOKUP = Lookup(inputs, cell, near, TorqueCell)
+LOOKUP = Lookup(error_inputs, cell, near, TorqueCell)
 LAW = Law(
     "fuzzy",
     "Fuzzy",

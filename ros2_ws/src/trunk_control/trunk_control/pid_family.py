@@ -96,6 +96,45 @@ def error_derivative(
     return derivative
 
 
+def integral_kept(
+    integral: float,
+    before: float,
+    error: float,
+    u: float,
+    effort: float,
+    dt: float,
+    gains: Gains,
+    limits: Limits,
+) -> float:
+    """Return the integral for the next sample: anti-windup, where the command u was limited to ``effort``.
+
+    ``before``: the integral at the last sample; ``error`` e: what is integrated. Conditional integration
+    returns ``before`` where ``u e > 0``; back-calculation adds ``h (u_limited - u) / (T_t ki)``, where
+    T_t = 0 means sqrt(kd / ki), or kp / ki without kd; T_t is at least h.
+    """
+    if effort != u:
+        if limits.antiwindup == ANTIWINDUP_CONDITIONAL_INTEGRATION:
+            if u * error > 0.0:
+                return before
+        elif limits.antiwindup == ANTIWINDUP_BACK_CALCULATION and gains.i > 0.0:
+            tracking = limits.tracking_time_constant
+            if tracking <= 0.0:
+                tracking = sqrt(gains.d / gains.i) if gains.d > 0.0 else gains.p / gains.i
+            if tracking < dt:
+                tracking = dt  # faster would overshoot the limit, and diverge below dt / 2
+            scale = tracking * gains.i
+            if scale > 0.0:  # it may underflow to 0
+                return integral + dt * (effort - u) / scale
+    return integral
+
+
+def error_inputs(state: PidState, sample: Sample, limits: Limits) -> tuple[float, float]:
+    """Return the error and its derivative, the inputs of rules, in rad and rad/s."""
+    error = sample.reference - sample.measurement
+    rate = error_derivative(state, error, sample.measurement, sample.rate, sample.dt, limits)
+    return error, rate
+
+
 def combine(
     state: PidState,
     error: float,
@@ -110,9 +149,8 @@ def combine(
     """Return the next state and the terms of ``u = kp e + ki I + kd D + f``, limited to [u_min, u_max].
 
     ``feedforward`` f [N m] is a model's part, added to the feedback; 0 in a PID. ``I_k = I_{k-1} + h e_k``
-    is used at once. Anti-windup acts afterwards, on the I of the next sample: conditional integration
-    drops the increment where u is limited and ``u e > 0``; back-calculation adds
-    ``h (u_limited - u) / (T_t ki)``. Ki stands outside the sum, so that gains may change freely.
+    is used at once. Anti-windup acts afterwards, on the I of the next sample (`integral_kept`). Ki stands
+    outside the sum, so that gains may change freely.
     If an overflow would make the command or the state non-finite, the last command is held.
     """
     kp, ki, kd = gains
@@ -130,19 +168,7 @@ def combine(
     d_term = kd * derivative
     u = p_term + i_term + d_term + feedforward
     effort = limited(u, limits)
-    if effort != u:
-        if limits.antiwindup == ANTIWINDUP_CONDITIONAL_INTEGRATION:
-            if u * error > 0.0:
-                integral = state.integral
-        elif limits.antiwindup == ANTIWINDUP_BACK_CALCULATION and ki > 0.0:
-            tracking = limits.tracking_time_constant
-            if tracking <= 0.0:
-                tracking = sqrt(kd / ki) if kd > 0.0 else kp / ki
-            if tracking < dt:
-                tracking = dt  # faster would overshoot the limit, and diverge below dt / 2
-            scale = tracking * ki
-            if scale > 0.0:  # it may underflow to 0
-                integral += dt * (effort - u) / scale
+    integral = integral_kept(integral, state.integral, error, u, effort, dt, gains, limits)
     total = effort + integral + derivative
     if total - total != 0.0:
         return held(state, gains, alpha, limits)

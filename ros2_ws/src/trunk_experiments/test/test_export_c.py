@@ -244,6 +244,20 @@ def test_new_parameters_on_the_target_as_in_the_node(name, tmp_path):
     assert out[0] == "0"
 
 
+@needs_compiler
+def test_parameters_that_do_not_fit_together_are_refused_on_the_target(tmp_path):
+    exported = ExportedController(LAWS["fuzzy_pid"], LAWS["fuzzy_pid"].config())
+    written(exported, tmp_path)
+    samples = [(row.reading, True) for row in exported.answers(1)]
+    for values, taken in (
+        ({"gains_p_min": 61.0}, "0"),
+        ({"gains_p_max": 31.0}, "0"),
+        ({"gains_d_min": 18.5, "gains_d_max": 18.25}, "0"),
+        ({"gains_p_min": 61.0, "gains_p_max": 61.0}, "1"),
+    ):
+        assert retuned_program(exported, tmp_path, values, samples)[0] == taken, values
+
+
 def test_parameters_that_may_change_are_numbers_of_the_constants():
     exported = ExportedController(LAWS["fuzzy_pid"], LAWS["fuzzy_pid"].config())
     names = [leaf.declaration.name for leaf in exported.leaves]

@@ -75,12 +75,12 @@ def globals_first(monkeypatch):
 
 
 def names_ignored(monkeypatch):
-    before = function.Translator._function
+    before = function.Translator._bound
 
-    def wrong(self, node, callee, given, named, alone, target):
-        return before(self, node, callee, [*given, *named.values()], {}, alone, target)
+    def wrong(self, callee, given, named):
+        return before(self, callee, [*given, *named.values()], {})
 
-    monkeypatch.setattr(function.Translator, "_function", wrong)
+    monkeypatch.setattr(function.Translator, "_bound", wrong)
 
 
 def writes_in_place(monkeypatch):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from .body import LocalVariable
 from .expressions import Expressions
-from .layout import CodeBlock, words_in
+from .layout import words_in
 from .program import RestartError
 from .types import (
     INTEGER,
@@ -16,7 +17,6 @@ from .types import (
     RecordType,
     Scalar,
     TableType,
-    Type,
     Value,
     at_run_time,
     joined,
@@ -24,26 +24,9 @@ from .types import (
 )
 
 
-@dataclass
-class LocalVariable:
-    """A local name of Python; ``value``: how it is read."""
-
-    type: Type
-    value: Value
-    block: CodeBlock  # where it got this type
-
-
 class Assignment(Expressions):
     """What `function.Translator` knows of assignments."""
 
-    loads: set[str]
-    wider: set[str]
-    fixed: set[str]
-    declared: dict[str, str]
-    fresh: set[str]
-    loops: int
-    tree: ast.FunctionDef
-    local: Callable[[str], str]
     statements: Callable[[Sequence[ast.stmt]], bool]
 
     # Assignment ----------------------------------------------------------------------------------------
@@ -59,51 +42,46 @@ class Assignment(Expressions):
             self.assign(target, value)
 
     def _assign_parallel(self, target: ast.Tuple, node: ast.Tuple) -> None:
-        value = self.expression(node)
-        values = self.fields(value)
-        if any(isinstance(t, ast.Starred) for t in target.elts) or len(values) != len(target.elts):
-            raise self.refused(target, "it unpacks a tuple of another length", "name each element")
         names = {n.id for n in ast.walk(target) if isinstance(n, ast.Name)}
         names = {self.variables[n].value.code for n in names if n in self.variables}
         writes = any(isinstance(t, ast.Subscript) for t in target.elts)
         held = []
-        for i, item in enumerate(values):
+        for i, item in enumerate(self.fields(self.expression(node))):
             changes = any(self.mentions(item, n) for n in names) or (writes and "[" in item.code)
             if i and changes and at_run_time(item.type) and not item.is_known:
                 item = self.copied(item, "value")
             held.append(item)
-        for single, item in zip(target.elts, held, strict=True):
+        self._unpack(target, held)
+
+    def _unpack(self, target: ast.Tuple | ast.List, items: list[Value]) -> None:
+        if len(items) != len(target.elts) or ast.Starred in map(type, target.elts):
+            raise self.refused("it unpacks no tuple of this length", "name each element", target)
+        for single, item in zip(target.elts, items, strict=True):
             self.assign(single, item)
 
     def assign(self, target: ast.expr, value: Value) -> None:
         """Assign a value to a target of Python."""
+        self.at(target, lambda node: self._assign_to(node, value))
+
+    def _assign_to(self, target: ast.expr, value: Value) -> None:
         match target:
             case ast.Name(id=name):
-                self._assign_name(target, name, value)
+                self._assign_name(name, value)
             case ast.Tuple() | ast.List():
-                items = self.fields(value) if isinstance(value.type, RecordType | TableType) else []
-                star = any(isinstance(t, ast.Starred) for t in target.elts)
-                if star or len(items) != len(target.elts):
-                    raise self.refused(
-                        target, "it unpacks what is no tuple of this length", "name each element"
-                    )
-                for single, item in zip(target.elts, items, strict=True):
-                    self.assign(single, item)
+                tuples = RecordType | TableType
+                self._unpack(target, self.fields(value) if isinstance(value.type, tuples) else [])
             case ast.Subscript():
                 array = self.expression(target.value)
                 if not isinstance(array.type, Array):
-                    raise self.refused(target, "it changes what is no array", "make a new tuple")
+                    raise self.refused("it changes what is no array", "make a new tuple")
                 self.writes = True
-                place = self.element(array, target)
-                self.emit(
-                    f"{place.code} = {self.bare(self.converted(value, array.type.element, target).code)};"
-                )
+                place = self.element(array, target.slice).code
+                item = self.converted(value, array.type.element)
+                self.emit(f"{place} = {self.bare(item.code)};")
             case _:
-                raise self.refused(
-                    target, "it changes an attribute", "use _replace, or a new named tuple"
-                )
+                raise self.refused("it changes an attribute", "use _replace, or a new named tuple")
 
-    def _assign_name(self, target: ast.expr, name: str, value: Value) -> None:
+    def _assign_name(self, name: str, value: Value) -> None:
         if name not in self.loads:
             return
         variable, t = self.variables.get(name), value.type
@@ -111,9 +89,7 @@ class Assignment(Expressions):
             t = INTEGER
         if variable is not None and not at_run_time(variable.type) and variable.type != t:
             if variable.block is not self.block:
-                raise self.refused(
-                    target, f"it may be {shown(variable.type)}, too", "use another name"
-                )
+                raise self.refused(f"it may be {shown(variable.type)}, too", "use another name")
             variable = None
         if variable is None:
             if not at_run_time(t) or self._stays(name, value):
@@ -129,11 +105,8 @@ class Assignment(Expressions):
             if self.stores[name] == 1 and not self.loops:
                 self.fixed.add(c)
         if (both := joined(variable.type, t)) is None:
-            raise self.refused(
-                target,
-                f"it was {shown(variable.type)}, and becomes {shown(t)}",
-                "keep one type in a variable: 0.0 for 0, another name",
-            )
+            problem = f"it was {shown(variable.type)}, and becomes {shown(t)}"
+            raise self.refused(problem, "keep one type in a variable: 0.0 for 0, another name")
         if both != variable.type:
             raise RestartError(name)
         if at_run_time(t) and value.code != variable.value.code:
@@ -149,9 +122,3 @@ class Assignment(Expressions):
             return False
         root = words_in(value.code)[:1]
         return bool(root) and root[0] in self.fixed
-
-    def copied(self, value: Value, hint: str) -> Value:
-        """Return a value in a new variable, safe from later assignments."""
-        c = self.temporary(value.type, hint)
-        self.store(c, value)
-        return Value(value.type, c, place=True)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import ast
 import builtins
 import math
-from collections.abc import Callable
 from typing import Any
 
-from .program import Definitions
+from .body import FunctionBody
 from .types import (
     BOOLEAN,
     INTEGER,
@@ -21,7 +20,6 @@ from .types import (
     Static,
     TableType,
     Type,
-    UntranslatableError,
     Value,
 )
 
@@ -46,17 +44,8 @@ _TO_INTEGER: dict[Any, str] = {
 }
 
 
-class BuiltIns:
+class BuiltIns(FunctionBody):
     """What `function.Translator` knows of built-in functions."""
-
-    program: Definitions
-    refused: Callable[[ast.AST, str, str], UntranslatableError]
-    fields: Callable[[Value], list[Value]]
-    in_memory: Callable[[Value, str], Value]
-    converted: Callable[[Value, Type, ast.AST], Value]
-    bare: Callable[[str], str]
-
-    # Built-in functions --------------------------------------------------------------------------------
 
     def _built_in(self, node: ast.Call, callee: Any, values: list[Value]) -> Value:
         types = [value.type for value in values]
@@ -67,13 +56,13 @@ class BuiltIns:
             case builtins.len, [RecordType(kind=None) | TableType()]:
                 return self.program.known(len(self.fields(values[0])))
             case ((builtins.min | builtins.max), [_, _, *_]):
-                return self._extreme(node, callee is min, values)
+                return self._extreme(callee is min, values)
             case ((builtins.abs | math.fabs), [t]) if t == REAL:
                 return Value(REAL, f"real_abs({codes[0]})")
             case builtins.abs, [t] if t in INTEGERS:
                 return Value(NATURAL, f"integer_abs({codes[0]})")
             case builtins.float, [t] if t in NUMBERS:
-                return self.converted(values[0], REAL, node)
+                return self.converted(values[0], REAL)
             case builtins.float, [Static(value=str())] if isinstance(node.args[0], ast.Constant):
                 return self.program.value(float(str(node.args[0].value)))
             case builtins.int, [t] if t in INTEGERS:
@@ -86,7 +75,7 @@ class BuiltIns:
                 return Value(BOOLEAN, f"({values[0].code} != {'0.0' if t == REAL else '0'})")
             case math.sqrt, [t] if t in NUMBERS:
                 return Value(
-                    REAL, f"square_root({self.bare(self.converted(values[0], REAL, node).code)})"
+                    REAL, f"square_root({self.bare(self.converted(values[0], REAL).code)})"
                 )
             case math.copysign, [t, u] if t == u == REAL:
                 return Value(REAL, f"with_sign({', '.join(codes)})")
@@ -100,30 +89,22 @@ class BuiltIns:
                 return Value(BOOLEAN, f"(!is_finite({value.code}) && {value.code} == {value.code})")
         if callee in _TO_INTEGER and types == [REAL]:
             return Value(INTEGER, f"{_TO_INTEGER[callee]}({codes[0]})")
-        if (
-            callee.__class__.__module__ == "builtins"
-            and getattr(callee, "__module__", "") == "math"
-        ):
-            raise self.refused(
-                node,
-                "the C library rounds as it likes",
-                "use sin, cos, exp, log of trunk_control.api",
-            )
+        if callee in vars(math).values():
+            raise self.refused("the C library rounds as it likes", "use those of trunk_control.api")
+        known = callee in _REMEDIES if isinstance(callee, type | type(len)) else False
         default = ("this call is not translated", "call a plain function, or a named tuple")
-        raise self.refused(
-            node, *_REMEDIES.get(callee if isinstance(callee, type | type(len)) else None, default)
-        )
+        raise self.refused(*(_REMEDIES[callee] if known else default))
 
-    def _extreme(self, node: ast.Call, least: bool, values: list[Value]) -> Value:
+    def _extreme(self, least: bool, values: list[Value]) -> Value:
         if any(value.type not in NUMBERS for value in values):
-            raise self.refused(node, "min, max of what are no numbers", "give numbers")
+            raise self.refused("min, max of what are no numbers", "give numbers")
         name = "min" if least else "max"
         if all(value.is_known for value in values):
             return self.program.known((min if least else max)(value.known for value in values))
         if any(value.type == REAL for value in values):
             if any(value.type in INTEGERS for value in values):
                 raise self.refused(
-                    node, "min, max of an int and a float", "write 0.0 for 0, or float(...)"
+                    "min, max of an int and a float", "write 0.0 for 0, or float(...)"
                 )
             t: Type = REAL
             prefix = "real"

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections import Counter
-from collections.abc import Callable
 from types import FunctionType
 from typing import Any
 
 from .built_in import BuiltIns
-from .layout import CodeBlock, Line, words_in
-from .program import Definitions, Translated
+from .layout import Line, words_in
+from .program import Translated
 from .types import (
     INTEGERS,
     NATURAL,
@@ -20,8 +18,6 @@ from .types import (
     RecordType,
     Static,
     TableType,
-    Type,
-    UntranslatableError,
     Value,
     at_run_time,
     joined,
@@ -32,83 +28,52 @@ from .types import (
 class Calls(BuiltIns):
     """What `function.Translator` knows of calls and elements."""
 
-    program: Definitions
-    python: Any
-    variables: dict[str, Any]
-    stores: Counter[str]
-    declared: dict[str, str]
-    fresh: set[str]
-    block: CodeBlock
-    writes: bool
-    returning: bool
-    result: Type | None
-    outputs: list[tuple[str, Type]]
-    begin_result: Callable[[Type], None]
-    refused: Callable[[ast.AST, str, str], UntranslatableError]
-    expression: Callable[[ast.expr], Value]
-    fields: Callable[[Value], list[Value]]
-    emit: Callable[..., None]
-    temporary: Callable[[Type, str], str]
-    in_memory: Callable[[Value, str], Value]
-    converted: Callable[[Value, Type, ast.AST], Value]
-    made: Callable[..., Value]
-    bare: Callable[[str], str]
-    mentions: Callable[[Value, str], bool]
-
     # Elements ------------------------------------------------------------------------------------------
 
-    def element(self, value: Value, node: ast.Subscript) -> Value:
+    def element(self, value: Value, place: ast.expr) -> Value:
         """Return an element of a tuple, a table or an array."""
         t = value.type
         if isinstance(t, Array):
-            return self._of_array(value, t, node)
-        index = self.expression(node.slice)
-        if index.type not in INTEGERS:
-            raise self.refused(node, f"an index of {shown(index.type)}", "use an int")
+            return self._of_array(value, t, place)
+        index = self.expression(place)
         length = t.length if isinstance(t, TableType) else len(t.types)  # type: ignore[union-attr]
         if isinstance(t, TableType) and length == 0:  # never reached: Python would raise
             return Value(t.element, self.program.literal(0.0 if t.element == REAL else 0))
         if index.is_known:
             if not -length <= index.known < length:
-                raise self.refused(node, f"it has {length} elements", "use an index within them")
+                raise self.refused(f"it has {length} elements", "use an index within them")
             return self.fields(value)[int(index.known)]
         if isinstance(t, RecordType) and not t.row:
             raise self.refused(
-                node, "an index that is not known, of different types", "use a literal index"
+                "an index that is not known, of different types", "use a literal index"
             )
-        code = self.bare(index.code)
-        if index.type != NATURAL:
-            code = f"index_in({code}, {length})"
+        code = self._index(index, length)
         if isinstance(t, TableType):
             return Value(t.element, f"{value.code}[{code}]", place=True)
         memory = self.in_memory(value, "row")
         assert isinstance(t, RecordType)
         owner = memory.code
-        place = f"{owner[2:-1]}->v" if owner.startswith("(*") else f"{owner}.v"
-        return Value(t.types[0], f"{place}[{code}]", place=True)
+        row = f"{owner[2:-1]}->v" if owner.startswith("(*") else f"{owner}.v"
+        return Value(t.types[0], f"{row}[{code}]", place=True)
 
-    def _of_array(self, value: Value, t: Array, node: ast.Subscript) -> Value:
-        indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+    def _index(self, index: Value, length: int | str) -> str:
+        """Return the code of an index, counted from the beginning."""
+        if index.type not in INTEGERS:
+            raise self.refused(f"an index of {shown(index.type)}", "use an int")
+        code = self.bare(index.code)
+        return code if index.type == NATURAL else f"index_in({code}, {length})"
+
+    def _of_array(self, value: Value, t: Array, place: ast.expr) -> Value:
+        indices = place.elts if isinstance(place, ast.Tuple) else [place]
         if len(indices) != t.dimensions:
-            raise self.refused(
-                node, f"an array of {t.dimensions} dimensions", "give an index for each"
-            )
-        codes = []
-        for i, single in zip(
-            indices, ("rows", "columns") if t.dimensions == 2 else ("length",), strict=True
-        ):
-            index = self.expression(i)
-            if index.type not in INTEGERS:
-                raise self.refused(node, f"an index of {shown(index.type)}", "use an int")
-            code = self.bare(index.code)
-            if index.type != NATURAL:
-                code = f"index_in({code}, {value.code}.{single})"
-            codes.append(code)
-        if t.dimensions == 2:
-            place = f"{value.code}.data[({codes[0]}) * {value.code}.columns + {codes[1]}]"
-        else:
-            place = f"{value.code}.data[{codes[0]}]"
-        return Value(t.element, place, place=True)
+            raise self.refused(f"an array of {t.dimensions} dimensions", "give an index for each")
+        lengths = ("rows", "columns") if t.dimensions == 2 else ("length",)
+        codes = [
+            self._index(self.expression(index), f"{value.code}.{length}")
+            for index, length in zip(indices, lengths, strict=True)
+        ]
+        code = f"({codes[0]}) * {value.code}.columns + {codes[1]}" if codes[1:] else codes[0]
+        return Value(t.element, f"{value.code}.data[{code}]", place=True)
 
     # Calls ---------------------------------------------------------------------------------------------
 
@@ -118,92 +83,70 @@ class Calls(BuiltIns):
     def call(self, node: ast.Call, alone: bool = False, target: ast.expr | None = None) -> Value:
         """Return the value of a call; ``alone``: it is all of a statement, or of its right side."""
         returned, self.returning = self.returning, False
-        if any(isinstance(a, ast.Starred) for a in node.args) or any(
-            k.arg is None for k in node.keywords
-        ):
-            raise self.refused(node, "a star in a call", "name each argument")
+        if ast.Starred in map(type, node.args) or None in [k.arg for k in node.keywords]:
+            raise self.refused("a star in a call", "name each argument")
         if isinstance(node.func, ast.Attribute) and node.func.attr == "_replace":
             return self._replaced(node, node.func.value)
         function = self.expression(node.func)
         if not isinstance(function.type, Static):
-            raise self.refused(node, f"a call of {shown(function.type)}", "call a function")
+            raise self.refused(f"a call of {shown(function.type)}", "call a function")
         callee = function.type.value
         arguments = [self.expression(a) for a in node.args]
         named = {str(k.arg): self.expression(k.value) for k in node.keywords}
         if isinstance(callee, type) and issubclass(callee, tuple) and hasattr(callee, "_fields"):
-            return self._record(node, callee, arguments, named)
+            return self.made(callee, self._bound(callee, arguments, named))
         if isinstance(callee, FunctionType):
             self.returning = returned
-            return self._function(node, callee, arguments, named, alone, target)
+            values = self._bound(callee, arguments, named)
+            return self._function(callee, values, alone, target)
         if named:
-            raise self.refused(
-                node, "named arguments of a built-in function", "leave out the names"
-            )
+            raise self.refused("named arguments of a built-in function", "leave out the names")
         return self._built_in(node, callee, arguments)
 
     def _replaced(self, node: ast.Call, owner: ast.expr) -> Value:
         value = self.expression(owner)
         t = value.type
         if not isinstance(t, RecordType) or t.kind is None or node.args:
-            raise self.refused(node, "_replace of what is no named tuple", "make a new tuple")
+            raise self.refused("_replace of what is no named tuple", "make a new tuple")
         parts = dict(zip(t.names, self.fields(value), strict=True))
         for keyword in node.keywords:
             if keyword.arg not in parts:
-                raise self.refused(node, f"there is no field {keyword.arg}", "see the named tuple")
+                raise self.refused(f"there is no field {keyword.arg}", "see the named tuple")
             before, new = parts[keyword.arg].type, self.expression(keyword.value)
             if joined(before, new.type) is None:
                 problem = f"{keyword.arg} was {shown(before)}, and becomes {shown(new.type)}"
-                raise self.refused(node, problem, "keep its type: 0.0 for 0")
+                raise self.refused(problem, "keep its type: 0.0 for 0")
             parts[keyword.arg] = new
         return self.made(t.kind, list(parts.values()))
 
-    def _record(
-        self, node: ast.Call, kind: type[Any], given: list[Value], named: dict[str, Value]
-    ) -> Value:
-        fields: tuple[str, ...] = kind._fields
-        defaults: dict[str, Any] = getattr(kind, "_field_defaults", {})
+    def _bound(self, callee: Any, given: list[Value], named: dict[str, Value]) -> list[Value]:
+        """Return the values of a call in the order of what the callee takes, with defaults."""
+        parameters = list(inspect.signature(callee).parameters.values())
         values = list(given)
-        for name in fields[len(given) :]:
-            if name in named:
-                values.append(named.pop(name))
-            elif name in defaults:
-                values.append(self.program.value(defaults[name]))
-        if named or len(values) != len(fields):
-            raise self.refused(
-                node,
-                f"{kind.__name__} has the fields {', '.join(fields)}",
-                "give each of them once",
-            )
-        return self.made(kind, values)
-
-    def _function(
-        self,
-        node: ast.Call,
-        callee: FunctionType,
-        given: list[Value],
-        named: dict[str, Value],
-        alone: bool,
-        target: ast.expr | None,
-    ) -> Value:
-        values = list(given)
-        for parameter in list(inspect.signature(callee).parameters.values())[len(given) :]:
+        for parameter in parameters[len(given) :]:
             if parameter.name in named:
                 values.append(named.pop(parameter.name))
             elif parameter.default is not inspect.Parameter.empty:
                 values.append(self.program.value(parameter.default))
-            else:
-                raise self.refused(
-                    node, f"{parameter.name} is not given", "give each argument once"
-                )
-        if named or len(values) != len(inspect.signature(callee).parameters):
-            raise self.refused(node, "it is given what it does not take", "give each argument once")
+        if named or len(values) != len(parameters):
+            takes = f"{callee.__name__} takes {', '.join(p.name for p in parameters)}"
+            raise self.refused(takes, "give each of them once")
+        return values
+
+    def _function(
+        self,
+        callee: FunctionType,
+        values: list[Value],
+        alone: bool,
+        target: ast.expr | None,
+    ) -> Value:
         f = self.program.function(callee, [value.type for value in values])
         codes = [self._argument(value) for value in values if at_run_time(value.type)]
         if f.writes:
             self.writes = True
             if not alone:
                 raise self.refused(
-                    node, "it writes into an array", "assign its result on a line of its own"
+                    "it writes into an array", "assign its result on a line of its own"
                 )
         if not f.outputs:
             code = f"{f.name}({', '.join(codes)})"

@@ -37,6 +37,15 @@ _PUBLIC = ("reset", "update", "activate", "deactivate", "parameters", "retune", 
 _ANSWERS = 8  # of the self-test
 
 
+# The numbers of an input, as files and tables have them: their names, their types in C.
+CELLS = {
+    "stamp_ns": "int64_t",
+    **dict.fromkeys(("position", "velocity", "hip_position", "hip_velocity", "effort"), "double"),
+    "has_reference": "bool",
+    "reference": "double",
+}
+
+
 class LawState(NamedTuple):
     """A bare law between two updates."""
 
@@ -56,6 +65,13 @@ class ExportedStep(NamedTuple):
     reading: Reading
     effort: float
     compared: bool
+
+    @property
+    def numbers(self) -> tuple[int | float, ...]:
+        """The input's `CELLS`, and the answer."""
+        r = self.reading
+        motion = (r.position, r.velocity, *r.hip, r.effort)
+        return r.stamp_ns, *motion, r.has_reference, r.reference, self.effort
 
 
 @dataclass

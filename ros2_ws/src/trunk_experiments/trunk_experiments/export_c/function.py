@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import ast
-import inspect
-import textwrap
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from types import FunctionType
+from collections.abc import Sequence
 
-from .assignment import LocalVariable
+from .body import LocalVariable
 from .layout import (
     CodeBlock,
     Line,
@@ -19,10 +14,9 @@ from .layout import (
     may_write_in_place,
     text_of,
     without_unread,
-    words_in,
 )
 from .loops import for_loop
-from .program import Definitions, Translated, first_line, qualified
+from .program import Translated, first_line
 from .results import FunctionResults
 from .types import (
     INTEGER,
@@ -30,80 +24,13 @@ from .types import (
     NOTHING,
     RecordType,
     Type,
-    UntranslatableError,
     Value,
     at_run_time,
 )
 
-_REMEDIES: dict[type[ast.AST], tuple[str, str]] = {
-    ast.Try: ("exceptions are not translated", "test with if what would raise"),
-    ast.Raise: ("exceptions are not translated", "hold the last command instead"),
-    ast.Assert: ("an assertion raises", "leave it out"),
-    ast.With: ("with is not translated", "compute from the arguments alone"),
-    ast.FunctionDef: ("a function in a function", "move it to the module's level"),
-    ast.ClassDef: ("a class in a function", "move it to the module's level"),
-    ast.Global: ("it changes what is outside", "keep it in the memory"),
-    ast.Nonlocal: ("it changes what is outside", "keep it in the memory"),
-    ast.Import: ("it imports while it runs", "import at the top of the module"),
-    ast.ImportFrom: ("it imports while it runs", "import at the top of the module"),
-    ast.Delete: ("del is not translated", "leave it out"),
-    ast.Match: ("match is not translated", "use if and elif"),
-}
-
 
 class Translator(FunctionResults):
     """Translates one function; `Program.function` calls `run`, again after each `RestartError`."""
-
-    def __init__(
-        self, program: Definitions, python: FunctionType, types: Sequence[Type], wider: set[str]
-    ) -> None:
-        self.program, self.python, self.types, self.wider = program, python, types, wider
-        self.line = python.__code__.co_firstlineno
-        self.tree = self._source()
-        self.stores = Counter(
-            node.id
-            for node in ast.walk(self.tree)
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-        )
-        self.loads = {
-            node.id
-            for node in ast.walk(self.tree)
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)
-        }
-        cells = [cell.cell_contents for cell in python.__closure__ or ()]
-        self.free = dict(zip(python.__code__.co_freevars, cells, strict=True))
-        self.variables: dict[str, LocalVariable] = {}
-        self.declared: dict[str, str] = {}  # C types of local variables
-        self.fixed: set[str] = set()  # C names whose values never change
-        self.root = self.block = CodeBlock()
-        self.fresh: set[str] = set()  # variables that nobody has named yet
-        self.returning = False  # the call that follows is all that is returned
-        self.loops = 0
-        self.arguments: list[tuple[str, Type]] = []
-        self.result: Type | None = None
-        self.outputs: list[tuple[str, Type]] = []
-        self.writes = False
-
-    def _source(self) -> ast.FunctionDef:
-        try:
-            tree: ast.stmt | None = ast.parse(textwrap.dedent(inspect.getsource(self.python))).body[
-                0
-            ]
-        except (OSError, SyntaxError, TypeError):
-            tree = None
-        if not isinstance(tree, ast.FunctionDef):
-            name = self.python.__name__
-            raise UntranslatableError(
-                qualified(self.python), self.line, name, "it has no source of its own", "use def"
-            )
-        return tree
-
-    def refused(self, node: ast.AST, problem: str, remedy: str) -> UntranslatableError:
-        """Return the error for a construct."""
-        line = self.line + getattr(node, "lineno", 1) - 1
-        text = " ".join(ast.unparse(node).split())
-        text = text if len(text) <= 80 else f"{text[:77]}..."
-        return UntranslatableError(qualified(self.python), line, text, problem, remedy)
 
     # The function --------------------------------------------------------------------------------------
 
@@ -112,16 +39,16 @@ class Translator(FunctionResults):
         a = self.tree.args
         if a.vararg or a.kwarg:
             raise self.refused(
-                self.tree.args, "it takes any number of arguments", "name each of them"
+                "it takes any number of arguments", "name each of them", self.tree.args
             )
         if self.tree.decorator_list:
             raise self.refused(
-                self.tree.decorator_list[0], "it is decorated", "leave the decorator out"
+                "it is decorated", "leave the decorator out", self.tree.decorator_list[0]
             )
         for argument, t in zip([*a.posonlyargs, *a.args, *a.kwonlyargs], self.types, strict=True):
             self._parameter(argument.arg, t)
         if not self.statements(self.tree.body):
-            self._return(self.tree, Value(NOTHING))
+            self._return(Value(NOTHING))
 
     def _parameter(self, name: str, t: Type) -> None:
         if name in self.wider and t == NATURAL:
@@ -139,16 +66,6 @@ class Translator(FunctionResults):
             own = self.temporary(t, name)
             self.emit(f"{own} = {code};", own)
             self.variables[name] = LocalVariable(t, Value(t, own, place=True), self.root)
-
-    def local(self, name: str) -> str:
-        """Return a C name for a local variable, its own in this function."""
-        plain, count = self.program.local(name), 1
-        taken = {n for n, _ in self.arguments} | set(self.declared)
-        c = plain
-        while c in taken:
-            count += 1
-            c = self.program.local(f"{plain}_{count}")
-        return c
 
     def finished(self, name: str) -> Translated:
         """Return the function under this name, its variables declared."""
@@ -195,36 +112,13 @@ class Translator(FunctionResults):
 
     # Lines ---------------------------------------------------------------------------------------------
 
-    def emit(self, text: str, target: str = "", plain: bool = False) -> None:
-        """Append a line; it sets ``target`` unless it reads it too."""
-        read = words_in(text).count(target) > 1 if target else False
-        self.block.body.append(Line(text, "" if read else target, plain and not read))
-
-    @contextmanager
-    def inside(self, block: CodeBlock, loop: bool = False) -> Iterator[CodeBlock]:
-        """Append what follows to a block, which is not part of the function yet."""
-        before, self.block = self.block, block
-        self.loops += loop
-        try:
-            yield block
-        finally:
-            self.block = before
-            self.loops -= loop
-
-    def temporary(self, t: Type, hint: str) -> str:
-        """Return a new local variable's C name."""
-        c = self.local(hint)
-        self.declared[c] = self.program.c_type(t)
-        return c
-
     # Statements: True if control does not go on behind them ---------------------------------------------
 
     def statements(self, body: Sequence[ast.stmt]) -> bool:
         """Translate statements until one of them always leaves."""
-        return any(self.statement(node) for node in body)
+        return any(self.at(node, self._statement) for node in body)
 
-    def statement(self, node: ast.stmt) -> bool:
-        """Translate a statement."""
+    def _statement(self, node: ast.stmt) -> bool:
         match node:
             case ast.Expr(value=ast.Constant()) | ast.Pass():
                 return False
@@ -239,7 +133,7 @@ class Translator(FunctionResults):
                 self.returning = isinstance(node.value, ast.Call)
                 value = Value(NOTHING) if node.value is None else self.alone(node.value)
                 self.returning = False
-                return self._return(node, value)
+                return self._return(value)
             case ast.AnnAssign(value=None):
                 return False
             case ast.AnnAssign(value=ast.expr() as value_node):
@@ -260,14 +154,11 @@ class Translator(FunctionResults):
                 return for_loop(self, node)
             case ast.Break() | ast.Continue():
                 if self.loops == 0:
-                    raise self.refused(
-                        node, "it leaves a loop that is unrolled", "loop over a range"
-                    )
+                    raise self.refused("it leaves a loop that is unrolled", "loop over a range")
                 self.emit("break;" if isinstance(node, ast.Break) else "continue;")
                 return True
             case _:
-                default = ("this statement is not translated", "use assignments, if, for and while")
-                raise self.refused(node, *_REMEDIES.get(type(node), default))
+                raise self.outside(node)
         return False
 
     def _if(self, node: ast.If) -> bool:
@@ -295,7 +186,7 @@ class Translator(FunctionResults):
 
     def _while(self, node: ast.While) -> None:
         if node.orelse:
-            raise self.refused(node.test, "a loop has an else", "set a bool in the loop")
+            raise self.refused("a loop has an else", "set a bool in the loop", node.test)
         loop = CodeBlock(loop=True)
         with self.inside(loop, loop=True):
             test = self.truth(node.test)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 _WORD = re.compile(r"(?<![\w.>])[A-Za-z_]\w*")  # no field of a record
@@ -24,11 +24,10 @@ class Line:
     text: str
     target: str = ""
     plain: bool = False
-    comment: bool = False
 
     def words(self) -> set[str]:
         """Return the identifiers in it."""
-        return set() if self.comment else set(_WORD.findall(self.text))
+        return set(words_in(self.text))
 
 
 @dataclass
@@ -39,65 +38,40 @@ class CodeBlock:
     body: list[Line | CodeBlock] = field(default_factory=list)
     loop: bool = False
 
-    def words(self) -> set[str]:
-        """Return the identifiers in its head and in its statements."""
-        words = set(_WORD.findall(self.head))
+    def blocks(self) -> Iterator[CodeBlock]:
+        """Yield it and all blocks in it."""
+        yield self
         for node in self.body:
-            words |= node.words()
-        return words
+            if isinstance(node, CodeBlock):
+                yield from node.blocks()
+
+    def lines(self) -> Iterator[Line]:
+        """Yield all statements in it, in their order."""
+        for node in self.body:
+            yield from [node] if isinstance(node, Line) else node.lines()
 
     def words_of_heads(self) -> set[str]:
         """Return the identifiers in the heads of all blocks."""
-        words = set(_WORD.findall(self.head))
-        for node in self.body:
-            if isinstance(node, CodeBlock):
-                words |= node.words_of_heads()
-        return words
+        return {word for block in self.blocks() for word in words_in(block.head)}
 
-    def lines(self) -> Iterator[Line]:
-        """Yield all statements in it."""
-        for node in self.body:
-            if isinstance(node, Line):
-                yield node
-            else:
-                yield from node.lines()
+    def words(self) -> set[str]:
+        """Return the identifiers in its heads and in its statements."""
+        return self.words_of_heads().union(*(line.words() for line in self.lines()))
+
+    def without(self, superfluous: Callable[[Line], bool]) -> None:
+        """Drop statements."""
+        for block in self.blocks():
+            block.body = [n for n in block.body if isinstance(n, CodeBlock) or not superfluous(n)]
 
 
-def without_unread(block: CodeBlock, variables: Mapping[str, str]) -> None:
+def without_unread(root: CodeBlock, variables: Mapping[str, str]) -> None:
     """Drop assignments to variables that nobody reads, and then those that only served them."""
-    while True:
-        mentions: dict[str, int] = {}
-        for words in _mentions(block):
-            for word in words:
-                mentions[word] = mentions.get(word, 0) + 1
-        sets: dict[str, int] = {}
-        for line in block.lines():
-            if line.plain:
-                sets[line.target] = sets.get(line.target, 0) + 1
-        unread = {
-            name for name, count in sets.items() if name in variables and mentions[name] == count
-        }
-        if not unread:
-            return
-        _drop(block, unread)
-
-
-def _mentions(block: CodeBlock) -> Iterator[set[str]]:
-    yield set(_WORD.findall(block.head))
-    for node in block.body:
-        if isinstance(node, Line):
-            yield node.words()
-        else:
-            yield from _mentions(node)
-
-
-def _drop(block: CodeBlock, names: set[str]) -> None:
-    block.body = [
-        n for n in block.body if isinstance(n, CodeBlock) or not (n.plain and n.target in names)
-    ]
-    for node in block.body:
-        if isinstance(node, CodeBlock):
-            _drop(node, names)
+    read = root.words_of_heads().union(*(line.words() - {line.target} for line in root.lines()))
+    read |= {line.target for line in root.lines() if not line.plain}
+    unread = {line.target for line in root.lines() if line.plain} & {*variables} - read
+    if unread:
+        root.without(lambda line: line.plain and line.target in unread)
+        without_unread(root, variables)
 
 
 def build_in_output(root: CodeBlock, output: str, variables: Mapping[str, str]) -> None:
@@ -109,33 +83,19 @@ def build_in_output(root: CodeBlock, output: str, variables: Mapping[str, str]) 
     name = match[1]
     if name not in variables or variables[name] in ("double", "bool", "int64_t"):
         return
-    _drop_lines(root, writes[0].text)
-    _replace(root, name, output)
 
-
-def _drop_lines(block: CodeBlock, text: str) -> None:
-    block.body = [n for n in block.body if isinstance(n, CodeBlock) or n.text != text]
-    for node in block.body:
-        if isinstance(node, CodeBlock):
-            _drop_lines(node, text)
-
-
-def _replace(block: CodeBlock, name: str, output: str) -> None:
-    """Write ``*output`` for a record's name."""
-
-    def text(code: str) -> str:
+    def in_output(code: str) -> str:
         code = re.sub(rf"(?<![\w.>])&{name}\b(?!\.)", output, code)
         code = re.sub(rf"(?<![\w.>]){name}\.", f"{output}->", code)
         code = re.sub(rf"^{name} = ", f"*{output} = ", code)
         return re.sub(rf"(?<![\w.>]){name}\b", f"*{output}", code)
 
-    block.head = text(block.head)
-    for node in block.body:
-        if isinstance(node, CodeBlock):
-            _replace(node, name, output)
-        else:
-            node.text = text(node.text)
-            node.target = "" if node.target == name else node.target
+    root.without(lambda line: line.text == match[0])
+    for block in root.blocks():
+        block.head = in_output(block.head)
+    for line in root.lines():
+        line.text = in_output(line.text)
+        line.target = "" if line.target == name else line.target
 
 
 def may_write_in_place(root: CodeBlock, given: str, result: str, callees: set[str]) -> bool:
@@ -183,7 +143,7 @@ def _declare(block: CodeBlock, name: str, kind: str) -> None:
     inside = [i for i, node in enumerate(block.body) if name in node.words()]
     if len(inside) == 1:
         node = block.body[inside[0]]
-        headless = isinstance(node, CodeBlock) and name not in set(_WORD.findall(node.head))
+        headless = isinstance(node, CodeBlock) and name not in words_in(node.head)
         if isinstance(node, CodeBlock) and headless and (not node.loop or _set_first(node, name)):
             _declare(node, name, kind)
             return

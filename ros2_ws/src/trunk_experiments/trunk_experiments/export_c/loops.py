@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ast
 
-from .assignment import Assignment, LocalVariable
+from .assignment import Assignment
+from .body import LocalVariable
 from .layout import CodeBlock
 from .types import (
     INTEGER,
@@ -23,7 +24,7 @@ from .types import (
 def for_loop(f: Assignment, node: ast.For) -> bool:
     """Translate a loop; return True if control never goes on behind it."""
     if node.orelse:
-        raise f.refused(node.target, "a loop has an else", "set a bool in the loop")
+        raise f.refused("a loop has an else", "set a bool in the loop", node.target)
     if isinstance(node.iter, ast.Call) and f.expression(node.iter.func).type == Static(range):
         _over_range(f, node, node.iter)
         return False
@@ -48,19 +49,19 @@ def for_loop(f: Assignment, node: ast.For) -> bool:
     elif isinstance(t, RecordType) and t.kind is None:
         return _unrolled(f, node, f.fields(values))
     else:
-        raise f.refused(node.iter, f"a loop over {shown(t)}", "loop over a range, or over a tuple")
+        raise f.refused(f"a loop over {shown(t)}", "loop over a range, or over a tuple", node.iter)
     return False
 
 
 def _over_range(f: Assignment, node: ast.For, call: ast.Call) -> None:
     arguments = [f.expression(argument) for argument in call.args]
     if not 1 <= len(arguments) <= 3 or any(a.type not in INTEGERS for a in arguments):
-        raise f.refused(call, "a range of what are no ints", "give ints")
+        raise f.refused("a range of what are no ints", "give ints", call)
     first = arguments[0] if len(arguments) > 1 else f.program.known(0)
     stop = arguments[min(len(arguments) - 1, 1)]
     step = arguments[2] if len(arguments) == 3 else f.program.known(1)
     if not step.is_known or step.known == 0:
-        raise f.refused(call, "a step that is not known", "give a literal step")
+        raise f.refused("a step that is not known", "give a literal step", call)
     if first.is_known and stop.is_known and not range(first.known, stop.known, step.known):
         return
     end = f.bare(stop.code)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import operator
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from typing import Any
 
 from .calls import Calls
@@ -54,10 +53,6 @@ _WIDEST = 2**63
 class Operators(Calls):
     """What `function.Translator` knows of operators."""
 
-    inside: Callable[..., AbstractContextManager[CodeBlock]]
-    store: Callable[[str, Value], None]
-    tight: Callable[[str], str]
-
     # Truth ---------------------------------------------------------------------------------------------
 
     def truth(self, node: ast.expr) -> Value:
@@ -77,7 +72,7 @@ class Operators(Calls):
         if isinstance(t, TableType) or (isinstance(t, RecordType) and t.kind is None):
             return self.program.known(bool(t.length if isinstance(t, TableType) else t.types))
         raise self.refused(
-            node, f"{shown(t)} as a condition", "compare with is None, or len() with 0"
+            f"{shown(t)} as a condition", "compare with is None, or len() with 0", node
         )
 
     def _x_boolop(self, node: ast.BoolOp) -> Value:
@@ -92,7 +87,7 @@ class Operators(Calls):
                 value = self.program.known(False)
             if value.type != BOOLEAN:
                 raise self.refused(
-                    operand, f"and, or of {shown(value.type)}", "compare it with something"
+                    f"and, or of {shown(value.type)}", "compare it with something", operand
                 )
             if value.is_known:
                 if bool(value.known) != conjunction:  # it decides, whatever the others are
@@ -119,7 +114,7 @@ class Operators(Calls):
         operands = [self.expression(n) for n in (node.left, *node.comparators)]
         terms = []
         for a, b, op in zip(operands, operands[1:], node.ops, strict=False):
-            term = self._comparison(node, a, b, op)
+            term = self._comparison(a, b, op)
             if term.is_known and not term.known:
                 return term
             if not term.is_known:
@@ -129,13 +124,13 @@ class Operators(Calls):
         code = terms[0] if len(terms) == 1 else f"({' && '.join(terms)})"
         return Value(BOOLEAN, code)
 
-    def _comparison(self, node: ast.Compare, a: Value, b: Value, op: ast.cmpop) -> Value:
+    def _comparison(self, a: Value, b: Value, op: ast.cmpop) -> Value:
         if isinstance(op, ast.Is | ast.IsNot):
             if NOTHING not in (a.type, b.type):
-                raise self.refused(node, "is of what is not None", "compare with ==")
+                raise self.refused("is of what is not None", "compare with ==")
             return self.program.known((a.type == b.type) == isinstance(op, ast.Is))
         if isinstance(op, ast.In | ast.NotIn):
-            raise self.refused(node, "in is not translated", "compare with == and or")
+            raise self.refused("in is not translated", "compare with == and or")
         sign, compute = _COMPARISONS[type(op)]
         if a.is_known and b.is_known:
             return self.program.known(bool(compute(a.known, b.known)))
@@ -143,27 +138,23 @@ class Operators(Calls):
         if isinstance(a.type, RecordType) and equality:
             if a.type != b.type:
                 raise self.refused(
-                    node, f"{shown(a.type)} compared with {shown(b.type)}", "compare the elements"
+                    f"{shown(a.type)} compared with {shown(b.type)}", "compare the elements"
                 )
-            return self._equal(node, a, b, op)
+            return self._equal(a, b, op)
         if a.type == b.type == BOOLEAN and equality:
             return Value(BOOLEAN, f"({a.code} {sign} {b.code})")
         if a.type not in NUMBERS or b.type not in NUMBERS:
-            raise self.refused(
-                node, f"{shown(a.type)} compared with {shown(b.type)}", "compare numbers"
-            )
+            raise self.refused(f"{shown(a.type)} compared with {shown(b.type)}", "compare numbers")
         if REAL in (a.type, b.type):
             for value in (a, b):
                 if value.type in INTEGERS and not (value.is_known and abs(value.known) <= 2**53):
-                    raise self.refused(
-                        node, "an int compared with a float", "compare float(...) of it"
-                    )
-            a, b = (self.converted(value, REAL, node) for value in (a, b))
+                    raise self.refused("an int compared with a float", "compare float(...) of it")
+            a, b = (self.converted(value, REAL) for value in (a, b))
         return Value(BOOLEAN, f"({a.code} {sign} {b.code})")
 
-    def _equal(self, node: ast.Compare, a: Value, b: Value, op: ast.cmpop) -> Value:
+    def _equal(self, a: Value, b: Value, op: ast.cmpop) -> Value:
         terms = [
-            self._comparison(node, x, y, ast.Eq())
+            self._comparison(x, y, ast.Eq())
             for x, y in zip(self.fields(a), self.fields(b), strict=True)
         ]
         code = " && ".join(term.code for term in terms) or "true"
@@ -182,7 +173,7 @@ class Operators(Calls):
         t = joined(a.type, b.type)
         if t is None or isinstance(t, Static | Array | TableType):
             problem = f"it is {shown(a.type)} or {shown(b.type)}"
-            raise self.refused(node, problem, "give both the same type: 0.0 for 0")
+            raise self.refused(problem, "give both the same type: 0.0 for 0")
         if t == NOTHING:
             return a
         if isinstance(t, Scalar) and not then.body and not other.body:
@@ -211,7 +202,7 @@ class Operators(Calls):
         value = self.expression(node.operand)
         t = value.type
         if t not in NUMBERS or (isinstance(node.op, ast.Invert) and t == REAL):
-            raise self.refused(node, f"a sign of {shown(t)}", "compute with numbers")
+            raise self.refused(f"a sign of {shown(t)}", "compute with numbers")
         if isinstance(node.op, ast.UAdd):
             return value
         if value.is_known:
@@ -225,51 +216,49 @@ class Operators(Calls):
         if isinstance(node.op, ast.Pow):
             base = ast.unparse(node.left)
             raise self.refused(
-                node, "CPython's ** calls the C library's pow", f"multiply: {base} * {base}"
+                "CPython's ** calls the C library's pow", f"multiply: {base} * {base}"
             )
         a, b = self.expression(node.left), self.expression(node.right)
         t, u, op = a.type, b.type, type(node.op)
         if t not in NUMBERS or u not in NUMBERS:
-            raise self.refused(node, f"{shown(t)} and {shown(u)}", "compute with numbers")
+            raise self.refused(f"{shown(t)} and {shown(u)}", "compute with numbers")
         if op is ast.Div:
             if REAL in (t, u):
-                a, b = (self.converted(value, REAL, node) for value in (a, b))
+                a, b = (self.converted(value, REAL) for value in (a, b))
                 return Value(REAL, f"({a.code} / {b.code})")
             return Value(REAL, f"quotient({self.bare(a.code)}, {self.bare(b.code)})")
         if op in _ARITHMETIC:
-            return self._sum(node, a, b, *_ARITHMETIC[op])
+            return self._sum(a, b, *_ARITHMETIC[op])
         if REAL in (t, u):
-            raise self.refused(node, "this operator on floats", "use math.floor and multiply")
+            raise self.refused("this operator on floats", "use math.floor and multiply")
         if op in (ast.FloorDiv, ast.Mod):
-            return self._division(node, a, b, op)
+            return self._division(a, b, op)
         if op in _BITS:
             sign, compute = _BITS[op]
             if a.is_known and b.is_known:
-                return self._fitting(node, compute(a.known, b.known))
+                return self._fitting(compute(a.known, b.known))
             shift = op in (ast.LShift, ast.RShift)
             if shift and not (b.is_known and 0 <= b.known < 63):
-                raise self.refused(node, "a shift by what is not known", "shift by a literal")
+                raise self.refused("a shift by what is not known", "shift by a literal")
             if op is ast.LShift:
                 return Value(t, f"({a.code} * {self.program.literal(1 << b.known)})")
             natural = t == NATURAL and (shift or u == NATURAL)
             return Value(NATURAL if natural else INTEGER, f"({a.code} {sign} {b.code})")
-        raise self.refused(node, "this operator is not translated", "use + - * / // %")
+        raise self.refused("this operator is not translated", "use + - * / // %")
 
-    def _sum(
-        self, node: ast.AST, a: Value, b: Value, sign: str, compute: Callable[[Any, Any], Any]
-    ) -> Value:
+    def _sum(self, a: Value, b: Value, sign: str, compute: Callable[[Any, Any], Any]) -> Value:
         if REAL in (a.type, b.type):
-            a, b = (self.converted(value, REAL, node) for value in (a, b))
+            a, b = (self.converted(value, REAL) for value in (a, b))
             return Value(REAL, f"({a.code} {sign} {b.code})")
         if a.is_known and b.is_known:
-            return self._fitting(node, compute(a.known, b.known))
+            return self._fitting(compute(a.known, b.known))
         natural = a.type == b.type == NATURAL and sign != "-"
         return Value(NATURAL if natural else INTEGER, f"({a.code} {sign} {b.code})")
 
-    def _division(self, node: ast.AST, a: Value, b: Value, op: type[ast.operator]) -> Value:
+    def _division(self, a: Value, b: Value, op: type[ast.operator]) -> Value:
         floor = op is ast.FloorDiv
         if b.is_known and b.known == 0:
-            raise self.refused(node, "a division by 0", "divide by what is not 0")
+            raise self.refused("a division by 0", "divide by what is not 0")
         if a.is_known and b.is_known:
             return self.program.known(a.known // b.known if floor else a.known % b.known)
         natural = b.type == NATURAL and (a.type == NATURAL or not floor)
@@ -279,7 +268,7 @@ class Operators(Calls):
         code = f"{name}({self.bare(a.code)}, {self.bare(b.code)})"
         return Value(NATURAL if natural else INTEGER, code)
 
-    def _fitting(self, node: ast.AST, number: int) -> Value:
+    def _fitting(self, number: int) -> Value:
         if not -_WIDEST <= number < _WIDEST:
-            raise self.refused(node, f"{number} has more than 64 bits", "use smaller numbers")
+            raise self.refused(f"{number} has more than 64 bits", "use smaller numbers")
         return self.program.known(number)

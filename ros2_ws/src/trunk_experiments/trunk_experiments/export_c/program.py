@@ -34,7 +34,7 @@ _RESERVED = set(
         export friend mutable namespace new noexcept nullptr operator or_eq private protected public
         reinterpret_cast requires static_assert static_cast template this thread_local throw try typeid
         typename using virtual wchar_t xor xor_eq unix linux near far result NULL EOF INT64_C
-        Reals RealRows Integers IntegerRows memory_of
+        Reals RealRows Integers IntegerRows memory_of NOT_A_NUMBER INFINITE
         """,
     )
 )

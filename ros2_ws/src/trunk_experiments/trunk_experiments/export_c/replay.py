@@ -90,25 +90,8 @@ def swinging_rows(e: ExportedController, count: int = SWINGING) -> list[Exported
 
 def packed(rows: Sequence[ExportedStep]) -> bytes:
     """Return rows as replay.c reads them: 64 bits a number, little-endian."""
-    chunks = [pack("<qq", MAGIC, len(rows))]
-    for row in rows:
-        r = row.reading
-        chunks.append(
-            pack(
-                "<qdddddqddq",
-                r.stamp_ns,
-                r.position,
-                r.velocity,
-                r.hip.position,
-                r.hip.velocity,
-                r.effort,
-                r.has_reference,
-                r.reference,
-                row.effort,
-                row.compared,
-            )
-        )
-    return b"".join(chunks)
+    chunks = [pack("<qdddddqddq", *row.numbers, row.compared) for row in rows]
+    return b"".join([pack("<qq", MAGIC, len(rows)), *chunks])
 
 
 def bare_rows(e: ExportedController, rows: Sequence[ExportedStep]) -> list[ExportedStep]:

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import ast
 from dataclasses import replace
 
 from .assignment import Assignment
 from .program import RestartError
 from .types import (
-    INTEGER,
-    NATURAL,
-    Array,
     RecordType,
     Scalar,
     Static,
-    TableType,
     Type,
     Value,
     at_run_time,
@@ -26,24 +21,19 @@ from .types import (
 class FunctionResults(Assignment):
     """What `function.Translator` knows of results."""
 
-    arguments: list[tuple[str, Type]]
-
-    def _return(self, node: ast.AST, value: Value) -> bool:
+    def _return(self, value: Value) -> bool:
         t = value.type
         if isinstance(t, RecordType) and t.kind is None and value.parts is not None:
             t = RecordType(None, tuple(part.type for part in value.parts))
         if isinstance(t, Static):
             raise self.refused(
-                node, "it returns a function or a class", "return numbers and named tuples"
+                "it returns a function or a class", "return numbers and named tuples"
             )
         if self.result is None:
             self.begin_result(t)
         elif (both := self._joined_result(self.result, t)) is None:
-            raise self.refused(
-                node,
-                f"it returns {shown(t)}, elsewhere {shown(self.result)}",
-                "return one type everywhere: 0.0 for 0",
-            )
+            problem = f"it returns {shown(t)}, elsewhere {shown(self.result)}"
+            raise self.refused(problem, "return one type everywhere: 0.0 for 0")
         elif both != self.result:
             raise RestartError("return")
         if self.outputs:
@@ -54,33 +44,12 @@ class FunctionResults(Assignment):
         return True
 
     def _joined_result(self, a: Type, b: Type) -> Type | None:
-        if (
-            isinstance(a, RecordType)
-            and isinstance(b, RecordType)
-            and a.kind is None
-            and b.kind is None
-        ):
+        if isinstance(a, RecordType) and isinstance(b, RecordType) and a.kind is b.kind is None:
             types = [joined(x, y) for x, y in zip(a.types, b.types, strict=False)]
             if len(a.types) != len(b.types) or None in types:
                 return None
             return RecordType(None, tuple(types))  # type: ignore[arg-type]
         return joined(a, b)
-
-    def begin_result(self, t: Type) -> None:
-        """Settle the type of the function's result."""
-        self.result = INTEGER if t == NATURAL and "return" in self.wider else t
-        if not isinstance(t, RecordType) or not at_run_time(t):
-            return
-        plain = t.kind is None
-        if plain and "return" in self.wider:
-            self.result = t = RecordType(
-                None, tuple(INTEGER if x == NATURAL else x for x in t.types)
-            )
-        for i, inner in enumerate(t.types) if plain else [(0, t)]:
-            if isinstance(inner, TableType | Array):
-                raise self.refused(self.tree, "it returns a table", "return its elements")
-            if at_run_time(inner):
-                self.outputs.append((self.local(f"result_{i}") if plain else "result", inner))
 
     def _write_outputs(self, value: Value) -> None:
         assert isinstance(value.type, RecordType)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from math import inf
+from string import Template
 
+from trunk_msgs_util.parameters.declarations import Declaration, declarations
 from trunk_msgs_util.provenance import ARITHMETIC
+from trunk_msgs_util.units import seconds
 
 from .constants import definition, real_literal
-from .controller import ExportedController, ExportedStep
+from .controller import CELLS, ExportedController
 from .emit import ARITHMETIC as PRELUDE
 from .emit import INCLUDES
+from .helpers import template
 from .program import Translated
 from .types import RecordType, Type
 
@@ -34,160 +38,101 @@ def heading(e: ExportedController, purpose: str) -> str:
 
 def header(e: ExportedController) -> str:
     """Return NAME.h."""
-    n, p = e.name, e.program
-    guard = f"{n.upper()}_H"
-    records = "\n\n".join(p.structure(record) for record in e.public_records)
-    state, constants = p.c_type(e.state_type), p.c_type(e.constants_type)
-    given, answer = p.c_type(e.input_type), p.c_type(e.output_type)
-    parameters = "".join(
-        f"    double {leaf.name}; /* {_about(leaf.declaration)} */\n" for leaf in e.leaves
+    p, n = e.program, e.name
+    parameters, tuning = "", ""
+    if e.leaves:
+        fields = [f"    double {leaf.name}; /* {_about(leaf.declaration)} */" for leaf in e.leaves]
+        parameters = "\n".join(
+            [
+                "\n/* Parameters that may change while the controller runs. */",
+                *("typedef struct {", *fields, f"}} {n}_Parameters;\n"),
+            ]
+        )
+        tuning = f"\n{filled('tuning.h', e)}"
+    text = filled(
+        "header.h",
+        e,
+        period_ns=e.config.period_ns,
+        records="\n\n".join(map(p.structure, e.public_records)),
+        state=p.c_type(e.state_type),
+        constants=p.c_type(e.constants_type),
+        parameters=parameters,
+        update=_update_head(e),
+        turns="" if e.bare else f"\n{filled('turns.h', e)}",
+        tuning=tuning,
+        faults="\n".join(f"#define {n.upper()}_{fault} {i}" for i, fault in enumerate(FAULTS)),
     )
-    retune = (
-        f"""
-/* Parameters that may change while the controller runs. */
-typedef struct {{
-{parameters}}} {n}_Parameters;
-"""
-        if e.leaves
-        else ""
-    )
-    tuning = (
-        f"""
-/* The parameters in force. */
-void {n}_parameters(const {n}_Controller *controller, {n}_Parameters *parameters);
-
-/* New parameters; the command does not jump. False, and nothing changes, if one is out of its range; rules
- * that join several parameters are not checked here. */
-bool {n}_retune({n}_Controller *controller, const {n}_Parameters *parameters);
-"""
-        if e.leaves
-        else ""
-    )
-    turns = (
-        ""
-        if e.bare
-        else f"""
-/* Take the plant over, from the torque that acts; leave it to somebody else. */
-void {n}_activate({n}_Controller *controller);
-void {n}_deactivate({n}_Controller *controller);
-"""
-    )
-    faults = "\n".join(f"#define {n.upper()}_{fault} {i}" for i, fault in enumerate(FAULTS))
-    return f"""{heading(e, "its interface")}
-#ifndef {guard}
-#define {guard}
-
-#include <stdbool.h>
-#include <stdint.h>
-
-#ifdef __cplusplus
-extern "C" {{
-#endif
-
-#define {n.upper()}_PERIOD_NS INT64_C({e.config.period_ns})
-
-{records}
-
-/* A controller's memory, and the constants in force. */
-typedef struct {{
-    {state} state;
-    {constants} constants;
-}} {n}_Controller;
-{retune}
-/* As new, with the parameters of the file. */
-void {n}_reset({n}_Controller *controller);
-
-/* The answer to a state. */
-void {n}_update({n}_Controller *controller, const {given} *{_given(e)}, {answer} *{_answer(e)});
-{turns}{tuning}
-/* Whether compiler and processor give the bits that CPython gives; run it once, at the start. */
-{faults}
-int {n}_self_test(void);
-
-#ifdef __cplusplus
-}}
-#endif
-#endif
-"""
+    return f"{heading(e, 'its interface')}\n{text}"
 
 
 def source(e: ExportedController) -> str:
     """Return NAME.c."""
     public = _public(e)
-    settings = e.settings.limits if e.bare else e.settings
-    kind = e.limits_type if e.bare else e.settings_type
+    settings, kind = (e.settings.limits, e.limits_type) if e.bare else (e.settings, e.settings_type)
     p = e.program
-    statics = "\n\n".join(
-        [
-            f"static const {p.c_type(kind)} SETTINGS = {p.initial(settings, kind)};",
-            f"""static const {e.name}_Controller INITIAL = {{
+    statics = f"""static const {p.c_type(kind)} SETTINGS = {p.initial(settings, kind)};
+
+static const {e.name}_Controller INITIAL = {{
     {p.initial(e.initial, e.state_type, 2)},
     {p.initial(e.config.constants, e.constants_type, 2)},
-}};""",
-        ]
-    )
-    private = "\n\n".join(p.structure(record) for record in e.private_records)
-    body = p.text(f"{statics}\n{public}")
+}};"""
     parts = [
         heading(e, "its functions, translated from Python"),
         f'#include "{e.name}.h"',
         INCLUDES,
         PRELUDE,
-        *([private] if private else []),
-        body,
+        *map(p.structure, e.private_records),
+        p.text(f"{statics}\n{public}"),
         statics,
         public,
     ]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(parts)
 
 
-def _given(e: ExportedController) -> str:
-    return "sample" if e.bare else "reading"
+def filled(name: str, e: ExportedController, **values: object) -> str:
+    """Return a template's text with the controller's names and these values."""
+    about = {"name": e.name, "NAME": e.name.upper(), "label": e.law.label, "digest": e.digest}
+    return Template(template(name)).substitute(about, licence=e.licence, **values) + "\n"
 
 
-def _answer(e: ExportedController) -> str:
-    return "terms" if e.bare else "output"
+def _about(declared: Declaration) -> str:
+    return f"{declared.name}{f', {declared.unit}' if declared.unit else ''}"
 
 
-def _about(declared: object) -> str:
-    unit = getattr(declared, "unit", "")
-    return f"{getattr(declared, 'name', '')}{f', {unit}' if unit else ''}"
+def _names(e: ExportedController) -> tuple[str, str]:
+    """Return the names of an update's input and answer."""
+    return ("sample", "terms") if e.bare else ("reading", "output")
+
+
+def _update_head(e: ExportedController) -> str:
+    given, answer = _names(e)
+    records = e.program.c_type(e.input_type), e.program.c_type(e.output_type)
+    takes = f"const {records[0]} *{given}, {records[1]} *{answer}"
+    return f"void {e.name}_update({e.name}_Controller *controller, {takes})"
 
 
 def _public(e: ExportedController) -> str:
-    n, p = e.name, e.program
-    given = p.c_type(e.input_type)
-    answer = p.c_type(e.output_type)
+    n = e.name
+    given, answer = _names(e)
+    bodies = {f"void {n}_reset({n}_Controller *controller)": "    *controller = INITIAL;"}
     if e.bare:
         assert isinstance(e.state_type, RecordType)
-        arguments = ["sample", "&controller->constants", "&SETTINGS"]
+        arguments = [given, "&controller->constants", "&SETTINGS"]
         memory = e.state_type.types[0]
-        update = _changed(e, e.update, arguments, ", terms", "state.memory", memory)
-        update += """
-    if (!terms->held) {
-        controller->state.sample = *sample;
-    }"""
+        update = _changed(e, e.update, arguments, f", {answer}", "state.memory", memory)
+        keeps = "    if (!terms->held) {\n        controller->state.sample = *sample;\n    }"
+        bodies[_update_head(e)] = f"{update}\n{keeps}"
     else:
-        arguments = ["reading", "&SETTINGS", "&controller->constants"]
-        update = _changed(e, e.update, arguments, ", output")
-    parts = [
-        f"""void {n}_reset({n}_Controller *controller) {{
-    *controller = INITIAL;
-}}""",
-        f"""void {n}_update({n}_Controller *controller, const {given} *{_given(e)}, {answer} *{_answer(e)}) {{
-{update}
-}}""",
-    ]
-    if not e.bare:
-        activate = _changed(e, e.activate, ["&SETTINGS.initial"])
-        deactivate = _changed(e, e.deactivate, [])
-        parts += [
-            f"void {n}_activate({n}_Controller *controller) {{\n{activate}\n}}",
-            f"void {n}_deactivate({n}_Controller *controller) {{\n{deactivate}\n}}",
-        ]
-    if e.leaves:
-        parts += [_tuning(e)]
-    return "\n\n".join([*parts, _self_test(e)])
+        arguments = [given, "&SETTINGS", "&controller->constants"]
+        bodies |= {
+            _update_head(e): _changed(e, e.update, arguments, f", {answer}"),
+            f"void {n}_activate({n}_Controller *controller)": _changed(
+                e, e.activate, ["&SETTINGS.initial"]
+            ),
+            f"void {n}_deactivate({n}_Controller *controller)": _changed(e, e.deactivate, []),
+        }
+    parts = [f"{head} {{\n{body}\n}}\n" for head, body in bodies.items()]
+    return "\n".join([*parts, *([_tuning(e)] if e.leaves else []), _self_test(e)])
 
 
 def _changed(
@@ -207,135 +152,86 @@ def _changed(
 
 
 def _tuning(e: ExportedController) -> str:
-    n, p = e.name, e.program
-    reads = "\n".join(
-        f"    parameters->{leaf.name} = controller->constants{leaf.place};" for leaf in e.leaves
-    )
-    checks = "\n".join(
-        f"    sound = sound && {_range(leaf.declaration, leaf.name)};" for leaf in e.leaves
-    )
-    writes = "\n".join(f"    after{leaf.place} = parameters->{leaf.name};" for leaf in e.leaves)
     limits = "SETTINGS" if e.bare else "SETTINGS.limits"
-    arguments = ["&controller->constants", "&after", f"&{limits}"]
-    return f"""void {n}_parameters(const {n}_Controller *controller, {n}_Parameters *parameters) {{
-{reads}
-}}
-
-bool {n}_retune({n}_Controller *controller, const {n}_Parameters *parameters) {{
-    bool sound = true;
-{checks}
-    if (!sound) {{
-        return false;
-    }}
-    {p.c_type(e.constants_type)} after = controller->constants;
-{writes}
-{_changed(e, e.retune, arguments)}
-    controller->constants = after;
-    return true;
-}}"""
+    given = [f"parameters->{leaf.name}" for leaf in e.leaves]
+    pairs = list(zip(given, e.leaves, strict=True))
+    return filled(
+        "tuning.c",
+        e,
+        reads="\n".join(f"    {p} = controller->constants{leaf.place};" for p, leaf in pairs),
+        checks="\n".join(f"    sound = sound && {check};" for check in _checks(e)),
+        writes="\n".join(f"    after{leaf.place} = {p};" for p, leaf in pairs),
+        constants=e.program.c_type(e.constants_type),
+        change=_changed(e, e.retune, ["&controller->constants", "&after", f"&{limits}"]),
+    )
 
 
-def _range(declared: object, name: str) -> str:
+def _checks(e: ExportedController) -> Iterator[str]:
+    """Yield the conditions of new parameters: each one's range, and the declared rules that join two."""
+    new = {leaf.declaration.name: f"parameters->{leaf.name}" for leaf in e.leaves}
+    for leaf in e.leaves:
+        yield _range(leaf.declaration, new[leaf.declaration.name])
+    for name, declared in declarations(type(e.config)).items():
+        joined = {n: new.get(n) or f"{e.values[n]!r}" for n in (name, declared.at_least) if n}
+        if declared.at_least and not new.keys().isdisjoint(joined):
+            yield " >= ".join(joined.values())
+
+
+def _range(declared: Declaration, value: str) -> str:
     """Return the condition of a parameter's range; false for NaN."""
-    terms = []
-    value = f"parameters->{name}"
-    for bound, sign in (("minimum", ">="), ("above", ">"), ("maximum", "<=")):
-        limit = getattr(declared, bound)
-        if limit is not None and abs(limit) < inf:
-            terms.append(f"{value} {sign} {real_literal(float(limit))}")
-    if not getattr(declared, "unbounded", False):
+    bounds = ((declared.minimum, ">="), (declared.above, ">"), (declared.maximum, "<="))
+    terms = [
+        f"{value} {sign} {real_literal(float(bound))}"
+        for bound, sign in bounds
+        if bound is not None and abs(bound) < inf
+    ]
+    if not declared.unbounded:
         terms.append(f"{value} - {value} == 0.0")
     return " && ".join(terms) or f"{value} == {value}"
 
 
 def _self_test(e: ExportedController) -> str:
-    n, rows = e.name, e.answers()
-    columns = 7
-    names = ("position", "velocity", "hip_position", "hip_velocity", "effort", "reference")
-    cells = {name: f"row[{i}]" for i, name in enumerate(names)}
-    cells |= {"stamp_ns": f"i * {n.upper()}_PERIOD_NS", "has_reference": "false"}
-    table = "\n".join(
-        f"        {{{', '.join(definition(v) for v in _cells(e, row))}}}," for row in rows
+    rows = [[number for number in row.numbers if isinstance(number, float)] for row in e.answers()]
+    reals = [name for name, kind in CELLS.items() if kind == "double"]
+    cells = {name: f"row[{i}]" for i, name in enumerate(reals)}
+    cells |= {"stamp_ns": f"i * {e.name.upper()}_PERIOD_NS", "has_reference": "false"}
+    return filled(
+        "self_test.c",
+        e,
+        rows=len(rows),
+        columns=len(reals) + 1,
+        last=len(reals),
+        table="\n".join(f"        {{{', '.join(map(definition, row))}}}," for row in rows),
+        fill=fill(e, cells, 2),
     )
-    return f"""static double opaque(double x) {{
-    volatile double y = x;
-    return y;
-}}
-
-int {n}_self_test(void) {{
-    static const double answers[{len(rows)}][{columns}] = {{
-{table}
-    }};
-    const double a = opaque(1.0) + 0x1p-30, b = opaque(0x1p-53), least = opaque(DBL_MIN);
-    if (a * a - opaque(0x1.0000000800000p+0) != 0.0) {{
-        return {n.upper()}_CONTRACTED; /* a product and a sum in one rounding */
-    }}
-    if (opaque(1.0) + b + b != 1.0) {{
-        return {n.upper()}_EXTENDED; /* sums of more than 53 bits, or in another order */
-    }}
-    if (opaque(1.0) + 0x1p-52 + b != 1.0 + 0x1p-51 || opaque(-1.0) - b != -1.0) {{
-        return {n.upper()}_ROUNDED; /* not to the nearest, halves to even */
-    }}
-    if (least * 0.5 == 0.0 || opaque(0x0.0000000000001p-1022) * opaque(1.0) == 0.0) {{
-        return {n.upper()}_FLUSHED; /* small numbers become 0 */
-    }}
-    {n}_Controller controller;
-    {n}_reset(&controller);
-    for (int i = 0; i < {len(rows)}; i++) {{
-        const double *row = answers[i];
-{fill(e, cells, 2)}
-        const double expected = row[{columns - 1}];
-        if (!(effort == expected || (effort != effort && expected != expected))) {{
-            return {n.upper()}_DIFFERENT; /* from CPython's answer */
-        }}
-    }}
-    return {n.upper()}_SOUND;
-}}"""
 
 
-def _cells(e: ExportedController, row: ExportedStep) -> list[float]:
-    r = row.reading
-    return [
-        r.position,
-        r.velocity,
-        r.hip.position,
-        r.hip.velocity,
-        r.effort,
-        r.reference,
-        row.effort,
-    ]
+def fill_from_bytes(e: ExportedController) -> str:
+    """Return what `fill` does, for cells in a row of bytes as `replay.packed` writes it."""
+    kinds = {"double": "real_at({})", "int64_t": "integer_at({})", "bool": "integer_at({}) != 0"}
+    places = enumerate(CELLS.items())
+    cells = {name: kinds[kind].format(f"bytes + {8 * i}") for i, (name, kind) in places}
+    return fill(e, cells, 2)
 
 
 def fill(e: ExportedController, cells: Mapping[str, str], depth: int) -> str:
-    """Return statements that make an update's input of these cells, update, and leave the ``effort``."""
-    p, c = e.program, cells
-    given, answer = p.c_type(e.input_type), p.c_type(e.output_type)
+    """Return statements that make an update's input of these `CELLS`, update, and leave the ``effort``."""
+    given, answer = _names(e)
+    fields = {name.replace("hip_", "hip."): cells[name] for name in CELLS}
     if e.bare:
-        first = e.answers(1)[0].reading
-        lines = [
-            f"{given} sample;",
-            f"sample.reference = {c['reference']};",
-            f"sample.measurement = {c['position']};",
-            f"sample.rate = {c['velocity']};",
-            f"sample.dt = {real_literal(e.sample(first).dt)};",
-            f"sample.hip.position = {c['hip_position']};",
-            f"sample.hip.velocity = {c['hip_velocity']};",
-        ]
-    else:
-        lines = [
-            f"{given} reading;",
-            f"reading.stamp_ns = {c['stamp_ns']};",
-            f"reading.position = {c['position']};",
-            f"reading.velocity = {c['velocity']};",
-            f"reading.hip.position = {c['hip_position']};",
-            f"reading.hip.velocity = {c['hip_velocity']};",
-            f"reading.effort = {c['effort']};",
-            f"reading.has_reference = {c['has_reference']};",
-            f"reading.reference = {c['reference']};",
-        ]
-    lines += [
-        f"{answer} {_answer(e)};",
-        f"{e.name}_update(&controller, &{_given(e)}, &{_answer(e)});",
-        f"const double effort = {_answer(e)}.effort;",
+        dt = real_literal(seconds(e.config.period_ns))
+        names = {"reference": "reference", "measurement": "position", "rate": "velocity"}
+        fields = {
+            **{name: cells[cell] for name, cell in names.items()},
+            "dt": dt,
+            "hip.position": cells["hip_position"],
+            "hip.velocity": cells["hip_velocity"],
+        }
+    lines = [
+        f"{e.program.c_type(e.input_type)} {given};",
+        *(f"{given}.{name} = {cell};" for name, cell in fields.items()),
+        f"{e.program.c_type(e.output_type)} {answer};",
+        f"{e.name}_update(&controller, &{given}, &{answer});",
+        f"const double effort = {answer}.effort;",
     ]
     return "\n".join(f"{'    ' * depth}{line}" for line in lines)

@@ -55,6 +55,7 @@ class Declaration:
     minimum: float | None = None
     maximum: float | None = None
     above: float | None = None  # exclusive lower bound
+    at_least: str = ""  # another parameter that this one must not be below (`check_together`)
     unbounded: bool = False  # infinities are allowed
     choices: tuple[str, ...] = ()
     length: int | None = None
@@ -183,6 +184,15 @@ def check(declaration: Declaration, value: object) -> Value:
         return tuple(_scalar(declaration, item, items) for item in items)
     checked: Value = _scalar(declaration, value, value)
     return checked
+
+
+def check_together(config: Any) -> None:
+    """Check the declared rules that join parameters of a configuration. Raises ParameterError."""
+    values: dict[str, Any] = values_of(config)
+    for name, declared in declarations(type(config)).items():
+        if declared.at_least and values[name] < values[declared.at_least]:
+            least = f"at least {declared.at_least} ({values[declared.at_least]:g})"
+            raise ParameterError(name, values[name], least)
 
 
 def of_every_node(name: str) -> bool:
