@@ -7,6 +7,7 @@ Mathematics, written as GitHub and GitLab render it, becomes MathML: no script, 
 from __future__ import annotations
 
 import logging
+import os
 import posixpath
 import re
 from pathlib import Path
@@ -34,6 +35,10 @@ _DISPLAYED = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _INLINE = re.compile(r"\$`([^`]+)`\$")
 _FUNCTION = re.compile(r"(<mi>(?:sin|cos)</mi>)(?!<mo stretchy=\"false\">&#x00028;)")
 _PRIME = re.compile(r"<(msup|msubsup)>((?:(?!</?\1>).)*)<mi>(&#x0203[23];)</mi></\1>")
+_LABS = {
+    **{f"fig{n}": f"Fig. {n}, PID and Fuzzy-PID" for n in (6, 7, 8, 9)},
+    "free": "Free: four controllers, 20 s, and only your hand disturbs",
+}
 _log = logging.getLogger("mkdocs.hooks.docs_site")
 
 
@@ -90,6 +95,19 @@ def copied(page: str, text: str) -> set[str]:
     }
 
 
+def labs() -> dict[str, Path]:
+    """Return the labs that were made for this site, by name."""
+    folder = Path(os.environ.get("TRUNK_LABS", "no"))
+    return {name: path for name in _LABS if (path := folder / f"{name}.html").is_file()}
+
+
+def lab_links() -> str:
+    """Return a list of the labs in this site, or that it has none."""
+    if not labs():
+        return "This copy of the site was built without labs: make one as follows."
+    return "\n".join(f"- [{_LABS[name]}](labs/{name}.html)" for name in labs())
+
+
 def on_files(files: Files, *, config: Any, **_: Any) -> Files:
     """Add the repository's other pages, and the files that any page links to."""
     sources = {f"docs/{file.src_uri}": file.content_string for file in files.documentation_pages()}
@@ -101,6 +119,8 @@ def on_files(files: Files, *, config: Any, **_: Any) -> Files:
     for path in sorted(set().union(*(copied(page, text) for page, text in sources.items()))):
         content = (ROOT / path).read_bytes()
         files.append(File.generated(config, f"{COPIES}/{path}", content=content))
+    for name, path in labs().items():
+        files.append(File.generated(config, f"labs/{name}.html", content=path.read_bytes()))
     for page, text in sources.items():
         for path in sorted({path.rstrip("./") for path in _PATH.findall(text)}):
             if not (ROOT / path).exists():
@@ -112,4 +132,5 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     """Rewrite a page's links and mathematics; the pages from outside docs/ have their links already."""
     if not page.file.generated_by:
         markdown = rewritten(f"docs/{page.file.src_uri}", markdown)
+    markdown = markdown.replace("<!-- labs -->", lab_links())
     return typeset(markdown)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 from pathlib import Path
@@ -17,6 +18,7 @@ BROKEN = {
     "[file](../scripts/nowhere.sh)": "'../scripts/nowhere.sh'",
     "`scripts/nowhere.py`": "`scripts/nowhere.py`, which does not exist",
 }
+LAB = "<!DOCTYPE html><title>fig6, a lab</title>"
 SMALL = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "docker/README.md")
 
 pytestmark = pytest.mark.slow
@@ -25,8 +27,14 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("built") / "site"
+    labs = tmp_path_factory.mktemp("labs")
+    (labs / "fig6.html").write_text(LAB)
     done = subprocess.run(
-        ["bash", ROOT / "scripts" / "docs.sh", folder], capture_output=True, text=True, check=False
+        ["bash", ROOT / "scripts" / "docs.sh", folder],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "TRUNK_LABS": str(labs)},
     )
     if done.returncode == 2:
         pytest.skip("the site of docs/: scripts/docs.sh installs MkDocs from the network")
@@ -45,6 +53,12 @@ def test_each_page_is_there_and_asks_no_other_host_for_anything(site):
         assert [link for link in wanted if re.match(r"\w+:|//", link)] == [], page.name
     for style in site.rglob("*.css"):
         assert not re.search(r"(?:url\(|@import)\s*[\"']?(?:https?:)?//", style.read_text("utf-8"))
+
+
+def test_the_site_has_the_labs_that_were_made(site):
+    assert (site / "labs" / "fig6.html").read_text() == LAB
+    links = re.findall(r'href="?(labs/[^">\s]+)', (site / "lab.html").read_text(encoding="utf-8"))
+    assert links == ["labs/fig6.html"]
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from ..console.document import json_option, write_json
 from ..console.outputs import check_folder
 from ..console.progress import steps_told
 from ..console.tables import print_table
+from ..errors import PlanError
 
 if TYPE_CHECKING:
     from ..paper.reproduction import Reproduction
@@ -35,10 +36,21 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Make the folder an RO-Crate for a reviewer: verified recordings, hashes, CODECHECK's manifest.",
 )
+@click.option(
+    "--labs",
+    is_flag=True,
+    help="Also each figure's experiment as a page that runs it in a browser; needs clang and lld.",
+)
 @json_option("paper-1")
 @click.pass_context
 def command(
-    context: click.Context, output: Path, force: bool, graph: bool, crate: bool, as_json: bool
+    context: click.Context,
+    output: Path,
+    force: bool,
+    graph: bool,
+    crate: bool,
+    labs: bool,
+    as_json: bool,
 ) -> None:
     """Reproduce Figs 6 to 9 and judge the paper's claims by the numbers.
 
@@ -46,22 +58,30 @@ def command(
     """
     from trunk_msgs_util import provenance
 
+    from ..lab.wasm import missing_tools
     from ..paper.crate import check_installed, write_crate
     from ..paper.report import write_report
     from ..paper.reproduction import as_json as paper_values
     from ..paper.reproduction import reproduce
+    from ..paper.runs import FIGURES
     from ..runs.processes import check_nodes_installed
+    from .exchange.export_web import write_lab
 
     if graph:
         check_nodes_installed()
     if crate:
         check_installed()
+    if labs and (reason := missing_tools()):
+        raise PlanError(f"--labs: {reason}")
     begun = provenance.gather()
     check_folder(output, force)
     output.mkdir(parents=True, exist_ok=True)
     with steps_told() as tell:
         result = reproduce(output, graph, tell)
-        report = write_report(result, output, tell)
+        for figure in FIGURES if labs else ():
+            tell(f"making a lab of {figure}")
+            write_lab(output / f"{figure}_lab.html", ("pid", "fuzzy_pid"), scenario=figure)
+        report = write_report(result, output, tell, labs)
         described = write_crate(result, output, begun, tell) if crate else None
     shown = sum(shown for _, shown, _ in result.errata)
     if as_json:

@@ -44,10 +44,12 @@ COLUMNS = {
 }
 
 
-def write_report(result: Reproduction, folder: Path, say: Say = lambda step: None) -> Path:
+def write_report(
+    result: Reproduction, folder: Path, say: Say = lambda step: None, labs: bool = False
+) -> Path:
     """Write ``report.html``, ``paper.json``, and each figure as PNG, SVG and HTML; return the page's path.
 
-    ``say`` is called with each next step.
+    ``say`` is called with each next step. ``labs``: the folder has a lab of each figure.
     """
     text = json.dumps(as_json(result), indent=2, ensure_ascii=False, allow_nan=False)
     with atomic_write(folder / "paper.json") as part:
@@ -71,6 +73,7 @@ def write_report(result: Reproduction, folder: Path, say: Say = lambda step: Non
         columns=COLUMNS,
         contenders=CONTENDERS,
         figures=FIGURES,
+        labs=labs,
         profiles=PROFILES,
         Case=Case,
         rate_keys=RATE_KEYS,

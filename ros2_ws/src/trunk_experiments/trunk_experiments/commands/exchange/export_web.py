@@ -47,20 +47,13 @@ def command(
 
     It needs no server and asks no host for anything. Needs clang and lld here, and nothing there.
     """
-    from ...lab.data import lab_of
-    from ...lab.page import write
-
     check_output(output, (".html",), force, files_read(options))
     if swaps:
         raise PlanError(
             "--swap-at: in a lab each controller acts alone, all the time: leave it out"
         )
     controllers: tuple[str, ...] = tuple(dict.fromkeys(options.pop("controller")))
-    plans, commands = {}, {}
-    for name in controllers:
-        plans[name], commands[name] = _plan(name, controllers, options)
-    lab = lab_of(plans, commands, chosen)
-    size = write(lab, output)
+    lab, size = write_lab(output, controllers, chosen, **options)
     knobs = [f"{node}.{name}" for node, names in lab["knobs"].items() for name in names]
     if as_json:
         values = {
@@ -70,7 +63,7 @@ def command(
             "controllers": controllers,
             "states": lab["states"],
             "knobs": knobs,
-            "commands": commands,
+            "commands": lab["commands"],
         }
         write_json("export-web-1", values)
         return
@@ -78,6 +71,24 @@ def command(
         f"{output}: {lab['scenario']}, {', '.join(controllers)}, {len(knobs)} knobs, "
         f"{size / 1000:.0f} kB; open it in a browser"
     )
+
+
+def write_lab(
+    path: Path, controllers: Sequence[str], chosen: Sequence[str] = (), **options: Any
+) -> tuple[dict[str, Any], int]:
+    """Write the lab of a scenario with these options; return its data, and its size in bytes.
+
+    Raises PlanError, ParameterError, UntranslatableError and OSError.
+    """
+    from ...lab.data import lab_of
+    from ...lab.page import write
+
+    unset = {"params": (), "settings": (), "pushes": (), "duration": None, "rate": None}
+    plans, commands = {}, {}
+    for name in controllers:
+        plans[name], commands[name] = _plan(name, controllers, {**unset, **options})
+    lab = lab_of(plans, commands, chosen)
+    return lab, write(lab, path)
 
 
 def _plan(
