@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 import shlex
-import shutil
 
 import pytest
+from click.testing import CliRunner
 
-from trunk_experiments.lab.page import write
-from trunk_experiments.plans.files import parse_setting
+from trunk_experiments.commands.exchange.export_web import command
+from trunk_experiments.lab.wasm import missing_tools
 
-from .experiments import lab_for, plans_of
-
-pytestmark = pytest.mark.browser
+pytestmark = [
+    pytest.mark.skipif(bool(missing_tools()), reason=missing_tools()),
+    pytest.mark.browser,
+]
 
 DESK, PHONE = {"width": 1400, "height": 900}, {"width": 390, "height": 844}
 SETUP = "() => JSON.stringify(wire.setup)"
@@ -28,18 +29,25 @@ CELL = "#tables .rule-table:first-child tbody tr:nth-child(4) td:nth-child(5) bu
 
 
 @pytest.fixture(scope="module")
-def lab():
-    if not (shutil.which("clang") and shutil.which("wasm-ld")):
-        pytest.skip("no compiler for WebAssembly: apt-get install clang lld")
-    settings = ("simulator.duration=3.0",)
-    return lab_for(plans_of("fig8", settings, ("pid", "fuzzy_pid")))
+def path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("lab") / "lab.html"
+    words = ["fig8", "--duration", "3", "-o", str(path)]
+    done = CliRunner().invoke(command, words, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return path
 
 
 @pytest.fixture(scope="module")
-def path(lab, tmp_path_factory):
-    path = tmp_path_factory.mktemp("lab") / "lab.html"
-    write(lab, path)
-    return path
+def data(path):
+    """Return the lab's data as the page has them, and their size."""
+    text = path.read_text(encoding="utf-8")
+    begin = text.index('id="lab-data">') + len('id="lab-data">')
+    return text[begin : text.index("</script>", begin)]
+
+
+@pytest.fixture(scope="module")
+def lab(data):
+    return json.loads(data)
 
 
 @pytest.fixture
@@ -335,14 +343,7 @@ def test_a_link_with_nonsense_is_one_line_and_the_default_experiment(opened):
 
 def test_commands_are_those_of_the_experiment(opened, lab):
     page = opened()
-    copied = page.locator("#copied")
-
-    def lines():
-        page.click("#copy-commands")
-        page.wait_for_selector("#copying:visible")
-        return [shlex.split(line, comments=True) for line in copied.inner_text().splitlines()]
-
-    plain = lines()
+    plain = copied(page)
     assert plain == [
         [*lab["commands"][name], "-o", f"fig8_{name}.mcap"] for name in ("pid", "fuzzy_pid")
     ]
@@ -356,19 +357,22 @@ def test_commands_are_those_of_the_experiment(opened, lab):
     page.click(CELL)
     page.wait_for_selector("#tables td[data-edited]")
     whole(page)
-    (pid, fuzzy) = lines()
-    settings = [word for word in fuzzy if "=" in word]
+    (pid, fuzzy) = copied(page)
+    before = len(lab["commands"]["fuzzy_pid"])
+    settings = [word for word in fuzzy[before:] if "=" in word]
     label = page.inner_text(CELL)
     assert settings[-1] == f"fuzzy_pid.rules.kp.ZO.ZO={label}"
-    assert [word for word in pid if "=" in word] == settings[:-1]
-    for text in settings:
-        parse_setting(text)  # the verb understands it
+    assert settings[:-1] == [
+        "simulator.plant.trunk_mass=0.625",
+        "simulator.initial.position=[0, 0.3]",
+    ]
+    assert [word for word in pid[len(lab["commands"]["pid"]) :] if "=" in word] == settings[:-1]
     seek(page, 1.2)
     page.click("#branch")
     page.wait_for_selector(".chip")
     set_gain(page, 80)
     page.wait_for_function("() => wire.setup.branch.values.fuzzy_pid")
-    (_, _, branch) = lines()
+    (_, _, branch) = copied(page)
     assert branch == shlex.split(
         "trunk branch fig8_fuzzy_pid.mcap --at 1.2 --set fuzzy_pid.gains.p_max=80 "
         "-o fig8_fuzzy_pid_branch.mcap"
@@ -477,8 +481,76 @@ def test_axe_has_no_complaint(browser, path, viewport, scheme):
             assert len(found["passes"]) > 15
 
 
-def test_scripts_styles_and_html_are_small(path, lab):
-    programs = sum(len(program["wasm"]) for program in lab["programs"].values())
-    data = len(json.dumps(lab, separators=(",", ":")))
-    assert path.stat().st_size - data < 250_000
-    assert path.stat().st_size < 400_000, programs
+def saved(page, name, folder):
+    page.click(f"#controllers input[value={name}]")
+    page.wait_for_selector(f"#save-recording:enabled >> text=Save recording of {name}")
+    with page.expect_download() as download:
+        page.click("#save-recording")
+    path = folder / download.value.suggested_filename
+    download.value.save_as(path)
+    return path
+
+
+def run(trunk, words):
+    """Run words that begin with "trunk"; return what it prints."""
+    assert words[0] == "trunk"
+    code, out, err = trunk(*words[1:])
+    assert code == 0, (words, out, err)
+    return out
+
+
+def copied(page):
+    page.click("#copy-commands")
+    page.wait_for_selector("#copying:visible")
+    lines = page.inner_text("#copied").splitlines()
+    return [shlex.split(line) for line in lines if not line.startswith("#")]
+
+
+def test_saved_runs_are_verified_and_those_of_the_commands(opened, trunk, tmp_path, monkeypatch):
+    page = opened()
+    set_gain(page, 75)
+    page.click(CELL)
+    page.wait_for_selector("#tables td[data-edited]")
+    page.evaluate("() => edits.set('simulator', { 'plant.trunk_mass': 0.625 })")
+    whole(page)
+    (tmp_path / "page").mkdir()
+    monkeypatch.chdir(tmp_path)
+    commands = copied(page)
+    for name, words in zip(("pid", "fuzzy_pid"), commands, strict=True):
+        mine = saved(page, name, tmp_path / "page")
+        assert "verified" in run(trunk, ["trunk", "verify", mine])
+        run(trunk, words)
+        assert "identical" in run(trunk, ["trunk", "diff", mine, tmp_path / mine.name])
+    # A branch, from the command's run.
+    seek(page, 1.2)
+    page.click("#branch")
+    page.wait_for_selector(".chip")
+    set_gain(page, 80)
+    page.wait_for_function("() => wire.setup.branch.values.fuzzy_pid")
+    whole(page)
+    branch = copied(page)[-1]
+    mine = saved(page, "fuzzy_pid", tmp_path / "page")
+    assert "verified" in run(trunk, ["trunk", "verify", mine])
+    run(trunk, branch)
+    assert "identical" in run(trunk, ["trunk", "diff", mine, tmp_path / branch[-1]])
+
+
+def test_a_run_pushed_by_hand_is_saved_with_the_pushes(opened, trunk, tmp_path, monkeypatch):
+    page = opened()
+    seek(page, 0.2)
+    pulled(page)
+    page.wait_for_function("() => wire.setup.pushes.length > 2 && view.time > 0.4")
+    page.mouse.up()
+    whole(page)
+    monkeypatch.chdir(tmp_path)
+    again = copied(page)[-1]
+    mine = saved(page, "fuzzy_pid", tmp_path)
+    assert "verified" in run(trunk, ["trunk", "verify", mine])
+    assert "operator/push" in run(trunk, ["trunk", "info", mine])
+    run(trunk, again)
+    assert "identical" in run(trunk, ["trunk", "diff", mine, again[-1]])
+
+
+def test_scripts_styles_and_html_are_small(path, data):
+    assert path.stat().st_size - len(data) < 250_000
+    assert path.stat().st_size < 400_000
