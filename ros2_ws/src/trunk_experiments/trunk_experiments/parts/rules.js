@@ -15,7 +15,8 @@ const rules = (() => {
   let shown = "";
 
   const has = (name) => Boolean(known.nodes.get(name)?.rules);
-  const owner = () => [...known.run.acting, shown, ...known.nodes.keys()].find(has);
+  // Of runs side by side the one that is shown; otherwise of the controller that acts, or acted last.
+  const owner = () => (known.runs[0].name ? known.run.acting : [...known.run.acting, shown, ...known.nodes.keys()]).find(has);
   const rowsOf = (name) => changed.get(name) ?? known.nodes.get(shown).parameters[name];
 
   // The default rules are for the default labels: they do not fit a base of another size.

@@ -80,7 +80,7 @@ const scene = (() => {
       },
       {
         x, theta, measured: control.value("measurement", told) * DEGREES, reference, torque,
-        pulse: null, fell: fall ? fall.t : null,
+        pulse: null, ...(run.ended && time >= plant.last ? { fell: plant.last, ended: run.ended } : { fell: fall ? fall.t : null }),
       },
     );
     if (known.runs.length > 1) paintName(run, color, size, index === known.shown);

@@ -16,7 +16,8 @@ const fitCanvas = (canvas, context) => {
 
 // Draw an instant. `scene`: path and its `length` of the trunk in m, `left`, `right`, `low`, `high` in m of what is
 // shown, `travelled` (from, to) in m, `color`, `fullTorque` in N m of half a turn. `now`: `x` in m; `theta`,
-// `measured`, `reference` in degrees; `torque` in N m; `pulse`, a text, and `fell`, a time in s, or null.
+// `measured`, `reference` in degrees; `torque` in N m; `pulse`, a text, and `fell`, a time in s, or null;
+// `ended`: in place of "fell".
 // Returns where things are: `hip` and `tip` in CSS pixels, `scale` in pixels per m.
 const paintStage = (context, { width, tall }, scene, now) => {
   const { left, right, low, high, length } = scene;
@@ -105,7 +106,7 @@ const paintStage = (context, { width, tall }, scene, now) => {
     context.fillStyle = cssColor("--limit");
     context.font = "600 14px system-ui, sans-serif";
     context.textAlign = "center";
-    context.fillText(`✕ fell at t = ${showNumber(now.fell, 6)} s`, width / 2, tall - (width < 320 ? 36 : 12), width - 20);
+    context.fillText(`✕ ${now.ended ?? "fell"} at t = ${showNumber(now.fell, 6)} s`, width / 2, tall - (width < 320 ? 36 : 12), width - 20);
   }
   return { hip, tip: tip(now.theta), ghost: tip(now.reference), scale };
 };

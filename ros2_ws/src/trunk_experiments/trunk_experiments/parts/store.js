@@ -76,6 +76,7 @@ class Run {
     this.plant = new Store(true);
     this.control = new Store(true);
     this.events = []; // all since the page was opened, and those that the gateway still had
+    this.ended = ""; // how, before its time: "diverged"
     this.before = null; // { plant, control, events } of the run without its branch
   }
 }

@@ -40,6 +40,7 @@ const wire = (() => {
       for (let k = from; k < count; k++) target[k] = table[k * width + place];
     }
     run.plant.count = count;
+    run.ended = engine.ended === "diverged" ? engine.ended : "";
     // Of the controller, a row for each update.
     const terms = names.slice(at(BEFORE_TERMS) + 1).filter((name) => name !== "drive");
     const targets = terms.map((name) => [column(run.control, name), at(name)]);
