@@ -25,22 +25,37 @@ class ByteWriter {
     return at;
   }
 
-  u8(value) { return this.number(1, "setUint8", value); }
+  // `room` comes first: it may change the view.
+  u8(value) {
+    const at = this.room(1);
+    this.view.setUint8(at, value);
+    return this;
+  }
 
-  u16(value) { return this.number(2, "setUint16", value); }
+  u16(value) {
+    const at = this.room(2);
+    this.view.setUint16(at, value, true);
+    return this;
+  }
 
-  u32(value) { return this.number(4, "setUint32", value); }
+  u32(value) {
+    const at = this.room(4);
+    this.view.setUint32(at, value, true);
+    return this;
+  }
 
   // An integer from 0 on that is exact as a double.
   u64(value) { return this.u32(value % 2 ** 32).u32(value / 2 ** 32); }
 
-  i64(value) { return this.number(8, "setBigInt64", BigInt(value)); }
+  i64(value) {
+    const at = this.room(8);
+    this.view.setBigInt64(at, BigInt(value), true);
+    return this;
+  }
 
-  f64(value) { return this.number(8, "setFloat64", value); }
-
-  number(size, set, value) {
-    const at = this.room(size); // this may change the view
-    this.view[set](at, value, true);
+  f64(value) {
+    const at = this.room(8);
+    this.view.setFloat64(at, value, true);
     return this;
   }
 
