@@ -2,7 +2,10 @@
 import fs from "node:fs";
 import path from "node:path";
 
-const FILES = ["random_bits", "engine", "bytes", "crc32", "blake2b", "cdr", "mcap", "recording_writer", "recorder"];
+const FILES = [
+  ...["random_bits", "python_numbers", "engine"],
+  ...["bytes", "crc32", "blake2b", "cdr", "mcap", "recording_writer", "recorder"],
+];
 
 export const load = (assets, ...names) => {
   const source = FILES.map((name) => fs.readFileSync(path.join(assets, `${name}.js`), "utf8")).join("\n");
