@@ -1,10 +1,13 @@
-// The page's scripts as Node runs them: `load(ASSETS, "recordingOf", …)` returns what they define.
+// The page's scripts as Node runs them: `load(ASSETS, ["recordingOf"])` returns what they define.
 import fs from "node:fs";
 import path from "node:path";
 
-const FILES = ["random_bits", "engine", "bytes", "crc32", "blake2b", "cdr", "mcap", "recording_writer", "recorder"];
+const FILES = [
+  ...["random_bits", "python_numbers", "engine"],
+  ...["bytes", "crc32", "blake2b", "cdr", "mcap", "recording_writer", "recorder"],
+];
 
-export const load = (assets, ...names) => {
+export const load = (assets, names, more = "") => {
   const source = FILES.map((name) => fs.readFileSync(path.join(assets, `${name}.js`), "utf8")).join("\n");
-  return new Function(`${source}\nreturn { ${names} };`)();
+  return new Function(`${source}\n${more}\nreturn { ${names} };`)();
 };

@@ -3,7 +3,7 @@ import fs from "node:fs";
 import { load } from "./assets.mjs";
 
 const [, , assets, file, ...sizes] = process.argv;
-const { Blake2b, crc32 } = load(assets, "Blake2b", "crc32");
+const { Blake2b, crc32 } = load(assets, ["Blake2b", "crc32"]);
 const bytes = new Uint8Array(fs.readFileSync(file));
 const digest = new Blake2b();
 let crc = 0;

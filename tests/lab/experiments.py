@@ -134,15 +134,15 @@ def _value(value: Any) -> Any:
     return float(value) if value in ("inf", "-inf") else value
 
 
-def table_of(plan: RunPlan) -> tuple[Any, bool]:
-    """Return all columns of a plan's states, and True if it diverged."""
+def table_of(plan: RunPlan) -> tuple[Any, str]:
+    """Return all columns of a plan's states, and why it diverged; empty if it did not."""
     parts: list[Any] = []
     try:
         for states in Engine(plan, compiled=True).states():
             parts.append(states.table.copy())
-    except DivergedError:
-        return np.vstack(parts), True
-    return np.vstack(parts), False
+    except DivergedError as error:
+        return np.vstack(parts), str(error)
+    return np.vstack(parts), ""
 
 
 def in_node(

@@ -3,7 +3,7 @@ import fs from "node:fs";
 import { load } from "./assets.mjs";
 
 const [, , assets, job] = process.argv;
-const { recordingOf } = load(assets, "recordingOf");
+const { recordingOf } = load(assets, ["recordingOf"]);
 const { lab, name, run, table, output } = JSON.parse(fs.readFileSync(job, "utf8"));
 const bytes = fs.readFileSync(table);
 run.table = new Float64Array(bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length));

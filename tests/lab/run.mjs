@@ -1,12 +1,11 @@
 // node run.mjs ASSETS FOLDER: experiments.json of lab.json, computed; tables to tables.bin, the rest to stdout.
 import { closeSync, openSync, readFileSync, writeSync } from "node:fs";
 import { join } from "node:path";
+import { load } from "./assets.mjs";
 
 const [assets, folder] = process.argv.slice(2);
-const text = (name) => readFileSync(join(assets, name), "utf8").replace('"use strict";', "");
-const bits = readFileSync(new URL("bits.js", import.meta.url), "utf8").replace('"use strict";', "");
-const code = `${text("random_bits.js")}\n${text("engine.js")}\n${bits}\nreturn { openEngine, bitsOf };`;
-const { openEngine, bitsOf } = new Function(code)();
+const bits = readFileSync(new URL("bits.js", import.meta.url), "utf8");
+const { openEngine, bitsOf } = load(assets, ["openEngine", "bitsOf"], bits);
 const json = (name) => JSON.parse(readFileSync(join(folder, name), "utf8"));
 const lab = json("lab.json");
 const engines = {};
@@ -20,10 +19,10 @@ const results = json("experiments.json").map(([name, setup]) => {
         return { error: error.message };
     }
     engine.advance(lab.states);
-    const { count, width, ended, falls } = engine;
+    const { count, width, ended, falls, reason } = engine;
     writeSync(tables, new Uint8Array(engine.table.buffer, 0, 8 * count * width));
     const ahead = Array.from(engine.ahead);
-    return { count, width, ended, falls, metrics: engine.metrics(), ahead, bits: bitsOf(engine, setup) };
+    return { count, width, ended, falls, reason, metrics: engine.metrics(), ahead, bits: bitsOf(engine, setup) };
 });
 closeSync(tables);
 console.log(JSON.stringify(results));

@@ -4,7 +4,7 @@ import path from "node:path";
 import { load } from "./assets.mjs";
 
 const [, , assets, folder] = process.argv;
-const { openEngine, recordingOf } = load(assets, "openEngine", "recordingOf");
+const { openEngine, recordingOf } = load(assets, ["openEngine", "recordingOf"]);
 const json = (name) => JSON.parse(fs.readFileSync(path.join(folder, name), "utf8"));
 const lab = { ...json("lab.json"), digest: "0" };
 for (const [i, [name, setup]] of json("experiments.json").entries()) {

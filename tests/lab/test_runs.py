@@ -58,9 +58,10 @@ def test_experiments_have_the_bits_of_the_run_that_they_mean(case, block):
     for (law, setup), result in zip(experiments, in_node(lab, experiments), strict=True):
         assert ("error" in result) == refused(plans[law], law, setup), result.get("error")
         if "error" not in result:
-            table, diverged = table_of(plan_with(plans[law], law, setup))
+            table, reason = table_of(plan_with(plans[law], law, setup))
             assert equal_bits(result["table"], table), (law, setup)
-            assert (result["ended"] == "diverged") == diverged
+            assert (result["ended"] == "diverged") == bool(reason)
+            assert result["reason"] == reason
 
 
 def test_metrics_are_those_of_the_recording(case, tmp_path):

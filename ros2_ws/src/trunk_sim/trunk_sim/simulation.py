@@ -35,19 +35,28 @@ class DivergedError(TrunkError, ArithmeticError):
     exit_code: ClassVar[int] = EXIT_FAILED
 
 
+# Why a step of the plant is not finite: after the state at ``t`` s, with this angle in rad and effort in N m.
+TOO_FAR = (
+    "the step after t = {t:g} s turns the trunk, or the path's phase, "
+    f"beyond {LARGEST_ANGLE:g} rad, the largest angle whose sine is computed"
+)
+UNSTABLE = (
+    "the plant diverged in the step after t = {t:g} s (angle {angle:.3g} rad, effort {effort:.3g} N m): "
+    "the loop is unstable with these gains at this rate"
+)
+
+
+def too_far(state: PlantState, plant: Plant) -> bool:
+    """Return True for a state whose next sines may be beyond what is computed. Compiles unchanged."""
+    return max(abs(state.x * plant.body.wavenumber), abs(state.theta)) > 0.9 * LARGEST_ANGLE
+
+
 def diverged(stamp_ns: int, status: PlantStatus, effort: float, plant: Plant) -> DivergedError:
     """Return the error for a step of the plant, with this command [N m], that is not finite."""
-    state, torque = status.state, torque_of(status.effort, effort, plant)
-    if max(abs(state.x * plant.body.wavenumber), abs(state.theta)) > 0.9 * LARGEST_ANGLE:
-        return DivergedError(
-            f"the step after t = {seconds(stamp_ns):g} s turns the trunk, or the path's phase, "
-            f"beyond {LARGEST_ANGLE:g} rad, the largest angle whose sine is computed"
-        )
-    return DivergedError(
-        f"the plant diverged in the step after t = {seconds(stamp_ns):g} s "
-        f"(angle {state.theta:.3g} rad, effort {torque:.3g} N m): the loop is unstable "
-        "with these gains at this rate"
-    )
+    torque = torque_of(status.effort, effort, plant)
+    reason = TOO_FAR if too_far(status.state, plant) else UNSTABLE
+    values = {"t": seconds(stamp_ns), "angle": status.state.theta, "effort": torque}
+    return DivergedError(reason.format(**values))
 
 
 def worth_compiling(config: SimulatorConfig, first: int = 0) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_msgs_util.units import NANOSECONDS, nanoseconds
+from trunk_sim.simulation import TOO_FAR, UNSTABLE
 
 from ..analysis.metrics import QUANTITIES
 from ..errors import PlanError
@@ -100,6 +101,7 @@ def lab_of(
         },
         "orders": {node: [vars(order) for order in found.orders] for node, found in knobs.items()},
         "commands": {name: list(words) for name, words in commands.items()},
+        "divergence": {"too_far": TOO_FAR, "unstable": UNSTABLE},
         "recording": recording_template(plans),
         "programs": programs,
     }

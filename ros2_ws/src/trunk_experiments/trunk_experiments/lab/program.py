@@ -14,7 +14,8 @@ from trunk_control.laws import law_named
 from trunk_control.rule_base import RuleBaseConfig
 from trunk_sim.disturbances import Disturbance, disturbance_at
 from trunk_sim.noise import fill
-from trunk_sim.step import at_rest
+from trunk_sim.simulation import too_far
+from trunk_sim.step import at_rest, torque_of
 
 from ..analysis.metrics import numbers_of, steady_from
 from ..analysis.sums import no_rows
@@ -217,6 +218,15 @@ class LabProgram:
         )
         self._export("int32_t how_it_ended(void)", "return ended;")
         plant = type_of(surroundings.plant)
+        f = self._program.function(too_far, [type_of(state.trunk.state), plant])
+        self._export(
+            "int32_t beyond(void)", f"return {f.name}(&state.trunk.state, &surroundings.plant);"
+        )
+        f = self._program.function(torque_of, [REAL, REAL, plant])
+        self._export(
+            "double last_torque(void)",
+            f"return {f.name}(state.trunk.effort, state.effort, &surroundings.plant);",
+        )
         f = self._program.function(at_rest, [type_of(state.trunk.state), plant])
         self._static("at_start", state.trunk)
         self._export(

@@ -135,6 +135,15 @@ class Engine {
   // What disturbs at the stamp after the last state: N, N m, m, rad.
   get ahead() { return this.#doubles(this.#code.disturbance_in(this.count), 4); }
 
+  // Why the run diverged; empty if it did not.
+  get reason() {
+    if (this.ended !== "diverged") return "";
+    const last = this.count - 1;
+    return pythonNumbers.format(this.lab.divergence[this.#code.beyond() ? "too_far" : "unstable"], {
+      t: last * this.lab.period_ns / 1e9, angle: this.table[last * this.width + 1], effort: this.#code.last_torque(),
+    });
+  }
+
   // { values: {metric: number, null where it is not defined}, failure: "" or why there are none }
   metrics() {
     const { lab, width, count } = this;

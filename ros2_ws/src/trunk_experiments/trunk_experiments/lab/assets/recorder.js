@@ -1,14 +1,6 @@
 "use strict";
 // A run as its recording: what the nodes would have published, in the order of an offline run.
 const recordingOf = (() => {
-  // A double as Python prints it.
-  const printed = (value) => {
-    const [digits, exponent] = value.toExponential().split("e");
-    const size = Math.abs(exponent);
-    if (value && (exponent < -4 || exponent > 15)) return `${digits}e${exponent[0]}${size < 10 ? "0" : ""}${size}`;
-    return Number.isInteger(value) ? `${value}.0` : String(value);
-  };
-
   // A parameter is [name, kind, value].
   const read = (kind, value) => {
     if (Array.isArray(value)) return value.map((element) => read(kind.split(" ")[0], element));
@@ -136,7 +128,7 @@ const recordingOf = (() => {
         this.last = ns;
         if (falls.has(row)) {
           const limit = valueOf(this.nodes.simulator, "fall.angle");
-          this.event(this.words.fell, { angle: printed(table[first + columns.angle]), limit: printed(limit) }, { level: 1 });
+          this.event(this.words.fell, { angle: pythonNumbers.repr(table[first + columns.angle]), limit: pythonNumbers.repr(limit) }, { level: 1 });
         }
       }
       this.outside(Infinity, this.last);
