@@ -9,7 +9,7 @@ import os
 import shutil
 import signal
 import subprocess
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -100,6 +100,16 @@ class Firefox:
             raise RuntimeError(result["exceptionDetails"]["text"])
         value = result["result"].get("value")
         return None if value is None else json.loads(value)
+
+    def point(self, actions: Sequence[tuple[Any, ...]]) -> None:
+        """Use the mouse: ("move", x, y) in CSS pixels of the window, ("down",), ("up",)."""
+        kinds = {"move": "pointerMove", "down": "pointerDown", "up": "pointerUp"}
+        said = []
+        for kind, *place in actions:
+            more = dict(zip("xy", place, strict=True)) if place else {"button": 0}
+            said.append({"type": kinds[kind], **more})
+        source = {"type": "pointer", "id": "mouse", "actions": said}
+        self.ask("input.performActions", context=self._tab, actions=[source])
 
     def close(self) -> None:
         """End the process with all its children."""

@@ -207,7 +207,7 @@ def test_what_if_from_here(opened):
     assert page.evaluate(TABLES)[0] == original[0]
     assert page.evaluate(TABLES)[1] != original[1]
     # The original stays in sight, in the chart and its legend.
-    assert "θ before the branch" in page.inner_text("#strip-angle figcaption")
+    assert "before the branch" in page.inner_text("#strip-angle figcaption")
     kept = page.evaluate(
         "() => Array.from(known.runs[1].before.plant.columns.get('theta').subarray(0, 3001))"
     )
@@ -402,7 +402,7 @@ def test_numbers_of_all_controllers_stand_side_by_side_with_falls_first(opened, 
     page.click("#tab-parameters")
     assert page.inner_text("#gains-of") == "Gains of pid"
     page.wait_for_function(
-        "() => document.getElementById('strip-angle').textContent.includes('θ fuzzy_pid')"
+        "() => document.getElementById('strip-angle').textContent.includes('fuzzy_pid')"
     )
     assert page.inner_text("#save-recording") == "Save recording of pid"
 

@@ -41,9 +41,9 @@ const strips = (() => {
   const linesOf = (kind) => kind.lines.flatMap((one) => {
     if (!one.several) return [one];
     const { runs, shown } = known;
-    const named = (run, more) => ({ ...one, label: `${one.label} ${run.name}`.trim(), ...more });
+    const named = (run, more) => ({ ...one, label: run.name || one.label, ...more });
     return [
-      ...(runs[shown].before ? [named(runs[shown], { color: "--soft", width: 1, label: `${one.label} before the branch`, of: () => known.runs[shown].before?.plant })] : []),
+      ...(runs[shown].before ? [named(runs[shown], { color: "--soft", width: 1, label: "before the branch", of: () => known.runs[shown].before?.plant })] : []),
       ...runs.flatMap((run, index) => (index === shown ? [] : [named(run, { color: `--run${index % 8}`, width: 1.3, of: () => run.plant })])),
       named(runs[shown], { color: `--run${shown % 8}` }),
     ];
@@ -164,11 +164,12 @@ const strips = (() => {
     chart.lines = linesOf(chart.kind);
     chart.keys = chart.lines.filter((one) => one.label).map(keyOf);
     chart.caption.replaceChildren(chart.title, ...chart.keys.map(({ key }) => key));
+    label(chart, view.time); // before the room for the curves is measured
     const axis = { stroke: cssColor("--ink"), grid: { stroke: cssColor("--grid"), width: 1 }, ticks: { stroke: cssColor("--rule"), width: 1 }, font: "12px system-ui, sans-serif" };
     chart.plot = new uPlot({
       width: Math.max(chart.target.clientWidth, 60), height: chart.target.clientHeight, padding: [8, 8, 0, 0],
       scales: { x: { time: false, auto: false }, y: { range: (_, low, high) => spread(low, high) } },
-      axes: [{ ...axis, size: 28 }, { ...axis, size: 52, space: 20, values: (_, ticks) => ticks.map((value) => showNumber(value)) }],
+      axes: [{ ...axis, size: 28 }, { ...axis, size: 60, space: 20, values: (_, ticks) => ticks.map((value) => showNumber(value)) }],
       legend: { show: false }, cursor: { show: false }, hooks: { draw: [marks] },
       series: [{}, ...chart.lines.map((one) => ({
         stroke: cssColor(one.color), width: one.width ?? 1.8, dash: one.dash, points: { show: false },
@@ -196,9 +197,10 @@ const strips = (() => {
     ctx.lineWidth = ratio;
     ctx.font = `${11 * ratio}px system-ui, sans-serif`;
     ctx.textAlign = "left";
-    if (known.branch) mark(known.branch.at, "--branch", "branch", known.runs.length);
+    const first = plot === made.get("angle")?.plot;
+    if (known.branch) mark(known.branch.at, "--branch", first ? "branch" : "", known.runs.length);
     known.runs.forEach((run, index) => {
-      const words = known.runs.length === 1 ? "fell" : plot === made.get("angle")?.plot ? `${run.name} fell` : "";
+      const words = !run.name ? "fell" : first ? `${run.name} fell` : "";
       for (const { event, t } of run.events) if (event === "fell") mark(t, "--limit", words, index);
     });
     if (known.recorded) mark(view.time, "--accent", null);
@@ -206,7 +208,7 @@ const strips = (() => {
   };
   const spread = (low, high) => {
     if (!Number.isFinite(low) || !Number.isFinite(high)) return [-1, 1];
-    const edge = Math.max(0.06 * (high - low), 1e-3 * Math.max(Math.abs(low), Math.abs(high)), 1e-6);
+    const edge = Math.max(0.06 * (high - low), 1e-3 * Math.max(Math.abs(low), Math.abs(high))) || 1;
     return [low - edge, high + edge];
   };
 

@@ -45,7 +45,7 @@ const scene = (() => {
     if (!places) return;
     if (known.control_allowed) paintHandles();
     put("t", `${time.toFixed(2)} s`);
-    put("theta", `${showNumber(places.theta)}°`);
+    put("theta", `${showNumber(Math.round(1000 * places.theta) / 1000)}°`);
     put("reference", `${showNumber(places.reference)}°`);
     put("torque", `${showNumber(places.torque)} N·m`);
     put("push", grip.words());
