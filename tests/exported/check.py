@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import platform
 import random
 import re
@@ -11,31 +10,28 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from string import Template
 from types import ModuleType
 from typing import NamedTuple
 
+from ros2_ws.src.trunk_experiments.test.exported_laws import CHANGES, readings
+
 from trunk_control.controller import Controller
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.decide import Reading
-from trunk_control.law import Hip, Law
+from trunk_control.law import Law
 from trunk_control.laws import law_named
 from trunk_experiments.export_c.controller import ExportedController, ExportedStep
 from trunk_experiments.export_c.files import base_files
 from trunk_experiments.export_c.source import fill_from_bytes
 from trunk_experiments.plans.nodes import CONTROLLERS
 
+from .loops import differs, plans_of_one_loop
+
 ROOT = Path(__file__).resolve().parents[2]
 BOARD = ROOT / "examples" / "cortex_m"
 HERE = Path(__file__).parent
-CHANGES: dict[str, dict[str, object]] = {
-    "fuzzy_pid": {"consequents": "log"},
-    "pid": {"antiwindup_strategy": "back_calculation", "derivative_filter_time": 0.02},
-    "lqr": {"reference_profile": "sine", "reference_amplitude": 0.2, "reference_frequency": 0.7},
-    "computed_torque": {"derivative_mode": "error", "cosines": (0.1, 0.0), "sines": (0.0, 0.05)},
-    "fuzzy": {"form": "pi", "antiwindup_strategy": "back_calculation"},
-}
 
 
 class Environment(NamedTuple):
@@ -127,23 +123,6 @@ def laws() -> Iterator[tuple[Law, ControllerConfig]]:
     yield law, law.config(active_times=(1.0, 40.0, 41.0))
 
 
-def readings(rng: random.Random, count: int) -> Iterator[Reading]:
-    """Yield readings: regular ones, jumps of the time, numbers that are not finite, references by topic."""
-    stamp_ns = 0
-    for _ in range(count):
-        stamp_ns += rng.choice(
-            (5_000_000, 5_000_000, 1_000_000, 4_999_000, 700_000_000, -3_000_000)
-        )
-        numbers = [rng.uniform(-1.0, 1.0) for _ in range(6)]
-        if rng.random() < 0.1:
-            numbers[rng.randrange(6)] = rng.choice(
-                (math.nan, math.inf, -math.inf, -0.0, 1e300, 5e-324, 40.0)
-            )
-        position, rate, x, v, acting, reference = numbers
-        by_topic = rng.random() < 0.5
-        yield Reading(stamp_ns, position, 4.0 * rate, Hip(x, v), 20.0 * acting, by_topic, reference)
-
-
 def rows_of(law: Law, config: ControllerConfig, count: int) -> list[ExportedStep]:
     """Return random states and CPython's answers."""
     controller = Controller(config, law)
@@ -221,14 +200,13 @@ def main() -> int:
 
 def different_plans(count: int) -> int:
     """Return how many of the first random plans have other bits in the closed loop in C."""
-    from .loops import differs
-
-    different = [index for index in range(count) if differs(index)]
-    if count:
-        print(
-            f"closed loop: {count - len(different)} of {count} random plans equal {different or ''}"
-        )
-    return len(different)
+    different = 0
+    for number, plan in enumerate(islice(plans_of_one_loop(), count), 1):
+        different += differs(plan)
+        if number % 20 == 0 or number == count:
+            equal = f"{number - different} of {number} random plans equal"
+            print(f"closed loop: {equal}", flush=True)
+    return different
 
 
 if __name__ == "__main__":

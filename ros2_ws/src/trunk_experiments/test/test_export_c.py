@@ -14,8 +14,7 @@ import pytest
 
 from trunk_control.controller import Controller, settings_of
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.decide import Reading, decide
-from trunk_control.law import Hip
+from trunk_control.decide import decide
 from trunk_control.laws import law_named
 from trunk_experiments.export_c.constants import real_literal
 from trunk_experiments.export_c.controller import ExportedController
@@ -24,41 +23,15 @@ from trunk_experiments.export_c.replay import swinging_rows
 from trunk_experiments.plans.nodes import CONTROLLERS
 
 from .c_programs import COMPILER, STRICT, Compiled, needs_compiler
+from .exported_laws import CHANGES, readings
 from .faulty_laws import HONEST
 
 LAWS = {**{name: law_named(name) for name in CONTROLLERS}, "honest": HONEST}
-CHANGES = {
-    "fuzzy_pid": {"consequents": "log"},
-    "pid": {"antiwindup_strategy": "back_calculation", "derivative_filter_time": 0.02},
-    "lqr": {"reference_profile": "sine", "reference_amplitude": 0.2, "reference_frequency": 0.7},
-    "computed_torque": {"derivative_mode": "error", "cosines": (0.1, 0.0), "sines": (0.0, 0.05)},
-    "fuzzy": {"form": "pi", "antiwindup_strategy": "back_calculation"},
-    "honest": {"active_times": (0.5, 2.0, 3.0)},
-}
 
 
 def config_of(name) -> ControllerConfig:
     """Return a law's configuration off the beaten track."""
-    return LAWS[name].config(**CHANGES[name])
-
-
-def readings(rng, count):
-    """Yield readings: regular ones, with jumps of the time, numbers that are not finite, references."""
-    stamp_ns = 0
-    for _ in range(count):
-        stamp_ns += rng.choice(
-            (5_000_000, 5_000_000, 1_000_000, 4_999_000, 700_000_000, -3_000_000)
-        )
-
-        def number(size=1.0):
-            if rng.random() < 0.03:
-                return rng.choice((math.nan, math.inf, -math.inf, -0.0, 1e300, 5e-324, 40.0))
-            return rng.uniform(-size, size)
-
-        hip = Hip(number(), number())
-        yield Reading(
-            stamp_ns, number(), number(4.0), hip, number(20.0), rng.random() < 0.5, number()
-        )
+    return LAWS[name].config(**CHANGES.get(name, {"active_times": (0.5, 2.0, 3.0)}))
 
 
 @needs_compiler

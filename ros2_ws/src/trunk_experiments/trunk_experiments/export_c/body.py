@@ -110,7 +110,7 @@ class FunctionBody:
         raise UntranslatableError(*place, "it has no source of its own", "use def")
 
     def at(self, node: Node, translate: Callable[[Node], T]) -> T:
-        """Return what a translation of a node returns; until then, `refused` is about that node."""
+        """Translate a node; until it is done, `refused` is about that node."""
         before, self.node = self.node, node
         result = translate(node)
         self.node = before

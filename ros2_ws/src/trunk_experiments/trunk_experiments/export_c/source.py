@@ -207,7 +207,7 @@ def _self_test(e: ExportedController) -> str:
 
 
 def fill_from_bytes(e: ExportedController) -> str:
-    """Return what `fill` does, for cells in a row of bytes as `replay.packed` writes it."""
+    """Return the statements of `fill` for cells in a row of bytes as `replay.packed` writes it."""
     kinds = {"double": "real_at({})", "int64_t": "integer_at({})", "bool": "integer_at({}) != 0"}
     places = enumerate(CELLS.items())
     cells = {name: kinds[kind].format(f"bytes + {8 * i}") for i, (name, kind) in places}
