@@ -41,7 +41,7 @@ SWAPPED = {
 @pytest.mark.parametrize("scenario", SWAPPED)
 def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     controller, swaps = SWAPPED[scenario]
-    path, again = tmp_path / "swapped.mcap", tmp_path / "again.mcap"
+    path = tmp_path / "swapped.mcap"
     plan = make_plan(
         scenario, controller, everywhere={"duration": 2.0}, swaps=list(map(parse_swap, swaps))
     )
@@ -79,13 +79,11 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     took_over = [explain(RecordedRun(recording), start).took_over for start in starts]
     assert took_over == [False, True, True]
     assert examine(path) == []  # nothing is missing between two turns
-    record_offline(RecordedRun(recording).plan(), again)
-    assert diff(RecordedRun(recording), RecordedRun.open(again)).identical
 
 
 def test_a_controller_that_is_activated_during_the_run_begins_inactive(tmp_path):
     """Nothing in its parameters says so: it starts by itself, and somebody deactivated it at first."""
-    path, again = tmp_path / "swapped.mcap", tmp_path / "again.mcap"
+    path = tmp_path / "swapped.mcap"
     pid, fuzzy = (
         make_plan("fig8", name, everywhere={"duration": 0.4}) for name in ("pid", "fuzzy_pid")
     )
@@ -102,8 +100,6 @@ def test_a_controller_that_is_activated_during_the_run_begins_inactive(tmp_path)
     verdict = verify(Recording.open(path))
     assert verdict.exit_code == VERIFIED, verdict
     assert [part.steps for part in verdict.checks[:2]] == [200, 201]
-    record_offline(RecordedRun.open(path).plan(), again)
-    assert diff(RecordedRun.open(path), RecordedRun.open(again)).identical
 
 
 @pytest.mark.slow

@@ -10,9 +10,6 @@ import numpy as np
 import pytest
 
 from trunk_experiments.branching.branch import Branch
-from trunk_experiments.branching.change import branched
-from trunk_experiments.branching.record import record_branch
-from trunk_experiments.branching.resume import resumed, state_at
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.late import Late, late_steps
@@ -22,6 +19,7 @@ from trunk_msgs_util.recording.reader import RecordingError
 
 from ..edited import ANEW, copied
 from ..real_time import late_inputs, record_real_time
+from ..same_bits.paths import branched_at
 
 AT = 500_000_000  # ns
 Edit = Callable[[list[list]], None]
@@ -35,9 +33,7 @@ def parent(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def branch(parent: Path, at: float, path: Path) -> RecordedRun:
-    run, change = RecordedRun.open(parent), Branch(at)
-    record_branch(run, change, branched(run, resumed(run, state_at(run, at)), change, None), path)
-    return RecordedRun.open(path)
+    return branched_at(RecordedRun.open(parent), Branch(at), path)
 
 
 @pytest.mark.slow

@@ -9,9 +9,6 @@ import pytest
 from std_srvs.srv import Trigger
 
 from trunk_experiments.branching.branch import Branch
-from trunk_experiments.branching.change import branched
-from trunk_experiments.branching.record import record_branch
-from trunk_experiments.branching.resume import resumed, state_at
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import RunDiff, diff
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verdict_on
@@ -21,8 +18,8 @@ from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import nanoseconds, seconds
 
-from ..branches.check import differences
 from ..edited import ANEW, copied
+from ..same_bits.paths import branched_at, difference
 from .lifecycle import Life
 from .peer import Peer
 from .processes import Children
@@ -41,9 +38,7 @@ CHANGES = (
 def made(path: Path, branch: Branch, out: Path) -> RunDiff:
     """Branch a run; return how it differs from its parent. Whatever was changed, it verifies."""
     run = RecordedRun.open(path)
-    begun = resumed(run, state_at(run, branch.at))
-    record_branch(run, branch, branched(run, begun, branch, None), out, overwrite=True)
-    found = RecordedRun.open(out)
+    found = branched_at(run, branch, out)
     verdict = verdict_on(found)
     assert verdict.exit_code == VERIFIED, (branch, verdict.reasons)
     assert any("simulated with" in note for note in verdict.notes)
@@ -58,9 +53,11 @@ def test_a_run_of_the_real_nodes_is_branched(children: Children, tmp_path: Path,
     )
     assert run.wait() == 0, run.stderr
     path = tmp_path / "run" / "run.mcap"
+    parent = RecordedRun.open(path)
     for at in (0.0, 0.3331, 1.5):
         if mode == "lock-step":
-            assert differences(path, at, tmp_path) == []
+            same = branched_at(parent, Branch(at), tmp_path / "branch.mcap")
+            assert difference(parent, same) == []
         for change in CHANGES:
             found = made(path, change._replace(at=at), tmp_path / "branch.mcap")
             assert found.first is None or found.first.stamp_ns >= nanoseconds(at)

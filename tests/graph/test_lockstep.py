@@ -1,98 +1,79 @@
-"""Lock-step: processes, composed nodes and the offline run give the same bits, under any load and order."""
+"""Lock-step: processes and composed nodes give the bits of the offline run, under any load and order."""
 
 from __future__ import annotations
 
-import csv
 import random
-import re
 import signal
 from pathlib import Path
 
 import pytest
 
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.run import RecordedRun
 
+from ..same_bits.paths import difference, reference
+from ..same_bits.scenarios import SCENARIOS
 from .peer import Peer
-from .processes import Child, Children
-from .verbs import said, verified
+from .processes import Children
 
 pytestmark = pytest.mark.graph
+
+ROOT = Path(__file__).parents[2]
 
 # Through the library, since the command has no option for the start order.
 RUN_IN_ORDER = """
 import sys
 from pathlib import Path
+
+root, name, folder, *order = sys.argv[1:]
+sys.path.insert(0, root)
+from tests.same_bits.scenarios import SCENARIOS
 from trunk_experiments.runs.files import RunFiles
 from trunk_experiments.runs.graph import run_graph
-from trunk_experiments.plans.plan import make_plan
 
-folder, controller, rate, duration, *order = sys.argv[1:]
-plan = make_plan(
-    "fig8", controller, settings=[f"{controller}.update_rate={rate}"],
-    everywhere={"duration": float(duration), "lockstep.enabled": True},
-)
-run_graph(plan, RunFiles(Path(folder)), lambda t: None, order)
+run_graph(SCENARIOS[name].plan(lockstep=True), RunFiles(Path(folder)), lambda t: None, order)
 """
 BUSY = "while True: pass"
 
 
-def succeed(child: Child) -> None:
-    assert child.wait() == 0, child.stdout + child.stderr
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("a gait", "files and random pulses", "a drive", "more links"),
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("fuzzy", "swaps", "disturbed")),
+    ],
+)
+def test_composed_nodes_have_the_bits_of_the_offline_run(
+    children: Children, tmp_path: Path, name: str
+) -> None:
+    scenario = SCENARIOS[name]
+    run = children.trunk("run", *scenario.words, "--lockstep", "--composed", "--output", "run")
+    assert run.wait() == 0, run.stdout + run.stderr
+    children.none_left()
+    expected = reference(scenario.plan(lockstep=True), tmp_path)
+    assert difference(expected, RecordedRun.open(tmp_path / "run" / "run.mcap")) == []
 
 
 @pytest.mark.parametrize(
-    ("controller", "rate", "duration", "seed"),
+    ("name", "seed"),
     [
-        pytest.param("fuzzy_pid", 1000.0, 1.5, 1, marks=pytest.mark.long),
-        pytest.param("pid", 1000.0, 1.5, 2, marks=pytest.mark.long),
-        ("fuzzy_pid", 250.0, 0.5, 3),
+        ("a slow controller", 3),
+        pytest.param("fuzzy", 1, marks=pytest.mark.long),
+        pytest.param("more links", 2, marks=pytest.mark.long),
     ],
-    ids=["fuzzy_pid", "pid", "fuzzy_pid at a quarter of the plant's rate"],
 )
-def test_same_bits_everywhere(
-    children: Children, tmp_path: Path, controller: str, rate: float, duration: float, seed: int
+def test_processes_started_in_any_order_beside_a_busy_one_have_them_too(
+    children: Children, tmp_path: Path, name: str, seed: int
 ) -> None:
-    options = ("fig8", "--controller", controller, "--duration", duration)
-    options += ("--set", f"{controller}.update_rate={rate}")
-    order = ["recorder", controller, "disturbance", "simulator"]
+    plan, busy = SCENARIOS[name].plan(lockstep=True), children.python(BUSY, name="busy")
+    order = list(plan.configs)
     random.Random(seed).shuffle(order)
-    offline, processes, composed = (
-        tmp_path / name for name in ("offline.mcap", "processes/run.mcap", "composed/run.mcap")
-    )
-    said("simulate", *options, "-o", offline)
-    load = [children.python(BUSY, name=f"busy-{i}") for i in range(1)]
-    succeed(children.python(RUN_IN_ORDER, processes.parent, controller, rate, duration, *order))
-    for busy in load:
-        assert busy.stop(signal.SIGTERM) == -signal.SIGTERM
-    succeed(
-        children.trunk("run", *options, "--lockstep", "--composed", "--output", composed.parent)
-    )
+    run = children.python(RUN_IN_ORDER, ROOT, name, tmp_path / "run", *order)
+    assert run.wait() == 0, run.stdout + run.stderr
+    assert busy.stop(signal.SIGTERM) == -signal.SIGTERM
     children.none_left()
-
-    steps, updates = round(duration * 1000) + 1, round(duration * rate) + 1
-    messages = 4 * steps + 1 + updates  # the disturbance is published one step ahead
-    for run in (processes, composed):
-        assert f"identical: {messages} messages" in said("diff", offline, run)
-    for run in (offline, processes, composed):
-        assert re.search(rf"states of the plant .* {steps} +verified", verified(run))
-
-
-def test_same_bits_on_a_custom_hip_path(children: Children, tmp_path: Path) -> None:
-    options = ["fig8", "--controller", "computed_torque", "--duration", "0.4"]
-    for prefix in ("simulator.path.", "computed_torque.model.path_"):
-        options += [
-            "--set",
-            f"{prefix}cosines=[0.004, -0.012]",
-            "--set",
-            f"{prefix}sines=[0.0, 2cm]",
-        ]
-    offline, composed = tmp_path / "offline.mcap", tmp_path / "composed" / "run.mcap"
-    said("simulate", *options, "-o", offline)
-    run = ("run", *options, "--lockstep", "--composed", "--output", composed.parent)
-    succeed(children.trunk(*run))
-    children.none_left()
-    assert "identical" in said("diff", offline, composed)
-    verified(composed)
+    expected = reference(plan, tmp_path)
+    assert difference(expected, RecordedRun.open(tmp_path / "run" / "run.mcap")) == []
 
 
 def test_incommensurate_rate_is_refused_by_the_run(children: Children, tmp_path: Path) -> None:
@@ -130,36 +111,3 @@ def test_incommensurate_rate_is_refused_by_the_node(
     (line,) = [one for one in controller.stderr.splitlines() if "is not allowed" in one]
     assert "update_rate = 300 Hz is not allowed in lock-step with a plant at 1000 Hz" in line
     assert peer.until_event("fuzzy_pid", "failed").values["reason"] in line
-
-
-# A reference and a push from CSV files, and pulses at random times: all of it known before the run.
-CSV = {
-    "ref.csv": "t [ms],reference [deg]\n0,0\n200,15\n200,5\n400,-10\n",
-    "push.csv": "t [s],value [N*m]\n0.1,0\n0.15,3\n0.3,-1\n",
-}
-FROM_CSV = (
-    *("--set", "pid.reference.profile=file", "--set", "pid.reference.file=ref.csv"),
-    *("--set", "disturbance.table.file=push.csv", "--set", "disturbance.pulse.start_times=[0.05]"),
-    *("--set", "disturbance.pulse.duration=20ms", "--set", "disturbance.pulse.magnitude=10deg"),
-    *("--set", "disturbance.pulse.random_count=3", "--set", "disturbance.pulse.random_until=0.5"),
-)
-
-
-def test_nodes_follow_csv_files_and_random_pulses_as_the_offline_run_does(
-    children: Children, tmp_path: Path
-) -> None:
-    for name, text in CSV.items():
-        (tmp_path / name).write_text(text)
-    options = ("demo", "--controller", "pid", "--duration", 0.5, *FROM_CSV)
-    offline, composed = tmp_path / "offline.mcap", tmp_path / "composed/run.mcap"
-    succeed(children.trunk("simulate", *options, "-o", offline))
-    run = ("run", *options, "--lockstep", "--composed", "--output", composed.parent)
-    succeed(children.trunk(*run))
-    children.none_left()
-    assert "identical: " in said("diff", offline, composed)
-    assert re.search("disturbances .* 102 +verified", verified(composed))
-    table = tmp_path / "run.csv"
-    said("export", composed, "--csv", table)
-    with table.open(newline="") as file:
-        references = {row["reference"] for row in csv.DictReader(file)}
-    assert len(references) > 50

@@ -125,7 +125,10 @@ BAD_CELL = [*ROWS[:3], "S S S S S S MS", *ROWS[4:]]
         (FuzzyPidConfig, "gains.p_max", 31.0, "at least gains.p_min (32)"),
         (FuzzyPidConfig, "gains.d_max", 9.0, "at least gains.d_min (9.6)"),
         (FuzzyPidConfig, "gains.d_min", 0.0, "double, > 0"),
-        (FuzzyPidConfig, "fuzzy.error_range", 0.0, "double, > 0"),
+        (FuzzyPidConfig, "fuzzy.error_range", 0.0, "double, > 0 and <= 1000"),
+        (FuzzyPidConfig, "fuzzy.error_range", 1000.5, "double, > 0 and <= 1000"),
+        (FuzzyPidConfig, "fuzzy.rate_range", 0.0, "double, > 0 and <= 100000"),
+        (FuzzyPidConfig, "fuzzy.rate_peaks", [0.0, 1.5], "each >= -1 and <= 1"),
         (
             FuzzyPidConfig,
             "fuzzy.alpha_centers",
@@ -166,3 +169,9 @@ def test_reference_times_must_ascend():
     values = {"reference.times": [2.0, 1.0], "reference.values": [0.1, 0.2]}
     with pytest.raises(ParameterError, match=r"'reference\.times': \[2\.0, 1\.0\].*ascending"):
         build(PidConfig, values)
+
+
+def test_the_widest_and_the_narrowest_universes_are_taken():
+    config = build(FuzzyPidConfig, {"fuzzy.error_range": 1e3, "fuzzy.rate_range": 0.5})
+    assert config.peaks[0][-1] == 1e3
+    assert config.peaks[1] == tuple(0.5 * peak for peak in config.rate_peaks)

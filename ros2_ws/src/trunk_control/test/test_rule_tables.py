@@ -7,7 +7,20 @@ import re
 import pytest
 
 from trunk_control import rule_tables
-from trunk_control.rule_tables import INPUT_LABELS, UNIT, Axes, centers, check_labels, input_labels
+from trunk_control.rule_tables import (
+    FRACTION,
+    INPUT_LABELS,
+    MACVICAR_WHELAN,
+    POSITIVE,
+    UNIT,
+    Axes,
+    axes_of,
+    cell_changes,
+    centers,
+    check_labels,
+    input_labels,
+    is_table,
+)
 
 TABLES = {
     "kp": rule_tables.KP_AS_PRINTED,
@@ -136,3 +149,66 @@ def test_the_usual_labels_of_an_input(count, ends):
 def test_a_label_that_would_be_taken_for_something_else_is_refused(label):
     with pytest.raises(ValueError, match=r"each label once|each label one word"):
         check_labels(["A", label])
+
+
+def test_the_antidiagonal_table():
+    assert MACVICAR_WHELAN == (
+        "NB NB NB NB NM NS ZO",
+        "NB NB NB NM NS ZO PS",
+        "NB NB NM NS ZO PS PM",
+        "NB NM NS ZO PS PM PB",
+        "NM NS ZO PS PM PB PB",
+        "NS ZO PS PM PB PB PB",
+        "ZO PS PM PB PB PB PB",
+    )
+
+
+@pytest.mark.parametrize(
+    ("numbers", "least", "below", "most", "beyond"),
+    [
+        (UNIT, 0.0, -5e-324, 1.0, 1.0 + 2**-52),
+        (FRACTION, -1.0, -1.0 - 2**-52, 1.0, 1.0 + 2**-52),
+        (POSITIVE, 5e-324, 0.0, 1e6, 1e6 + 2**-33),
+    ],
+    ids=["unit", "fraction", "positive"],
+)
+def test_ranges_include_their_ends(numbers, least, below, most, beyond):
+    assert [numbers.holds(x) for x in (least, most)] == [True, True]
+    assert [numbers.holds(x) for x in (below, beyond, float("nan"))] == [False] * 3
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (("A B", "C D"), True),
+        (["A B C", "C D E", "1 2 3"], True),
+        (("A B",), False),
+        (("A", "B"), False),
+        (("A B", "C D E"), False),
+        (("A B", 3), False),
+        ("AB", False),
+        (4, False),
+    ],
+)
+def test_what_is_a_table(value, expected):
+    assert is_table(value) is expected
+
+
+def test_labels_that_do_not_fit_give_way_to_the_usual_ones():
+    given = {"fuzzy.error_labels": ["low", "high"], "fuzzy.rate_labels": ["a", "b"]}
+    assert axes_of(("A B C", "A B C"), given) == Axes(("low", "high"), ("N", "ZO", "P"))
+    assert axes_of(("A B", "A B"), {}) == Axes(("E1", "E2"), ("R1", "R2"))
+
+
+def test_changes_are_named_cell_by_cell():
+    assert cell_changes(("A B", "C D"), ("A X", "C D")) == ((0, 1, "B", "X"),)
+    for other in (("A B",), ("A", "C")):
+        with pytest.raises(ValueError, match="zip"):
+            cell_changes(("A B", "C D"), other)
+
+
+def test_labels_that_are_given_are_checked():
+    with pytest.raises(ValueError, match="each label once; N is there twice"):
+        input_labels(("N", "N"), 2, "E")
+    assert rule_tables.STANDARD_LABELS[9][::4] == ("NVB", "ZO", "PVB")
+    assert (rule_tables.GAIN_LABELS, rule_tables.GAIN_CENTERS) == (("S", "B"), (0.0, 1.0))

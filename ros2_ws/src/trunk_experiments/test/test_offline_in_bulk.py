@@ -11,8 +11,6 @@ from trunk_control.decide import state_record
 from trunk_control.laws import law_named
 from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.files import SCENARIOS
-from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
@@ -70,9 +68,8 @@ def with_pictures(plan):
 PLANS = {
     "pictures": lambda: with_pictures(plan_of("fig9 pid", swaps=[Swap(0.25, "lqr")])),
     **{
-        f"{scenario} {controller}": (lambda name=f"{scenario} {controller}": short(name))
-        for scenario in SCENARIOS
-        for controller in CONTROLLERS
+        name: (lambda name=name: short(name))
+        for name in ("fig6 pid", "fig7 fuzzy_pid", "fig9 computed_torque")
     },
     "noise and delay": lambda: plan_of(
         "fig8 pid", settings=[f"simulator.sensor.{one}" for one in NOISE]
@@ -86,12 +83,8 @@ PLANS = {
     ),
     "divergence": lambda: plan_of("fig8 pid", settings=["pid.gains.d=5000"], duration=2.0),
     "fewer updates": with_fewer_updates,
-    **{f"random {i}": (lambda i=i: random_plan(i)) for i in (3, 6, 9, 15, 26)},
+    "random 3": lambda: random_plan(3),
 }
-# All the others are of one scenario each, one law each, or drawn.
-FEW = ("pictures", "noise and delay", "a fall", "an end by a fall", "divergence")
-FEW += ("fewer updates", "fig6 pid", "fig7 fuzzy_pid", "fig9 computed_torque", "random 3")
-SOME = [pytest.param(name, marks=() if name in FEW else pytest.mark.long) for name in PLANS]
 BY_HAND = {
     "changes and pictures": lambda: with_pictures(with_changes()),
     "changes": with_changes,
@@ -190,7 +183,7 @@ def outcome(plan, path):
 
 @pytest.mark.one_in(3)
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*SOME, *BY_HAND])
+@pytest.mark.parametrize("name", [*PLANS, *BY_HAND])
 def test_states_in_bulk_make_the_same_file(name, tmp_path, monkeypatch):
     plan = (PLANS | BY_HAND)[name]()
     monkeypatch.setattr(chunked, "CHUNK_SIZE", 30_000)  # several chunks in one stretch

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Branches without a change are their parents: see tests/branches/check.py."""
+"""A plan has the same bits by every path: see tests/same_bits/check.py."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from tests.branches.check import main
+from tests.same_bits.check import main
 
 main()

@@ -1,0 +1,167 @@
+"""The paths by which a plan is run, each compared with its run by CPython bit by bit.
+
+A path yields recordings, or columns of a `RunTable`; `differences` compares them all in one way.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from trunk_experiments.analysis.run_table import RunTable
+from trunk_experiments.batch.block import summary_of
+from trunk_experiments.batch.check import column_difference, lane_columns
+from trunk_experiments.batch.compiled_run import Batch
+from trunk_experiments.branching.branch import Branch
+from trunk_experiments.branching.change import branched
+from trunk_experiments.branching.record import record_branch
+from trunk_experiments.branching.resume import resumed, state_at
+from trunk_experiments.plans.plan import RunPlan
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.diff import diff
+from trunk_experiments.replay.verify import VERIFIED, verdict_on
+from trunk_experiments.runs.engine import states_of_run
+from trunk_experiments.runs.files import RunFiles
+from trunk_experiments.runs.graph import run_graph
+from trunk_experiments.runs.offline_recording import _record, record_offline, record_steps
+from trunk_experiments.runs.steps import steps
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.units import seconds
+from trunk_sim.simulation import DivergedError
+
+from ..exported.loops import table_in_c
+
+Columns = Mapping[str, Floats]
+Repeats = Callable[[RunPlan, RecordedRun, Path, int], Iterator["RecordedRun | Columns"]]
+
+
+def reference(plan: RunPlan, folder: Path) -> RecordedRun:
+    """Record a plan's run by CPython; one that diverges ends with its last finite state."""
+    path = folder / "cpython.mcap"
+    with suppress(DivergedError):
+        record_steps(plan, steps(plan), path, tuple(plan.controllers), overwrite=True)
+    return RecordedRun.open(path)
+
+
+def _recorded(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[RecordedRun]:
+    """The run itself, which must verify."""
+    yield run
+
+
+def _compiled(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[RecordedRun]:
+    """Segment by segment, as an offline run that is worth compiling."""
+    path = folder / "compiled.mcap"
+    with suppress(DivergedError):
+        compiled = states_of_run(plan, compiled=True)
+        _record(plan, compiled, path, tuple(plan.controllers), True, lambda done, of: None)
+    yield RecordedRun.open(path)
+
+
+def _like(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[RecordedRun]:
+    """From the recording: `trunk simulate --like`."""
+    record_offline(run.plan(), folder / "like.mcap", overwrite=True)
+    yield RecordedRun.open(folder / "like.mcap")
+
+
+def _branch(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[RecordedRun]:
+    """Branches without a change, from the first state and from two others."""
+    random_ = random.Random(seed)
+    for at in (0.0, random_time(run, random_), random_time(run, random_)):
+        yield branched_at(run, Branch(at), folder / "branch.mcap")
+
+
+def random_time(run: RecordedRun, random_: random.Random) -> float:
+    """Return a random time within a run, s; one time in fifty it is an end of the run."""
+    last = seconds(int(run.table(topics.GROUND_TRUTH).stamp_ns.max()))
+    return random_.choice((0.0, last)) if random_.random() < 0.02 else random_.uniform(0.0, last)
+
+
+def branched_at(run: RecordedRun, branch: Branch, path: Path) -> RecordedRun:
+    """Record a branch of a run."""
+    made = branched(run, resumed(run, state_at(run, branch.at)), branch, None)
+    record_branch(run, branch, made, path, overwrite=True)
+    return RecordedRun.open(path)
+
+
+def _batch(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[Columns]:
+    """In one compiled call."""
+    yield vars(Batch().run(plan).table)
+
+
+def _lanes(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[Columns]:
+    """In the first lane of a block and in its last, with the metrics of a run of its own."""
+    summary, lanes = lane_columns(plan) or (None, [])
+    assert summary is None or summary == summary_of(plan, Batch())
+    yield from lanes
+
+
+def _c(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[Columns]:
+    """The whole loop as C."""
+    table, _ = table_in_c(plan, folder)
+    names = [name for name in RunTable.__dataclass_fields__ if name != "t"]
+    yield dict(zip(names, table, strict=True))
+
+
+def _graph(composed: bool) -> Repeats:
+    """By the real nodes in lock-step, begun in any order."""
+
+    def path(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[RecordedRun]:
+        order = list(plan.configs)
+        random.Random(seed).shuffle(order)
+        with TemporaryDirectory(dir=folder) as name:
+            files = RunFiles(Path(name) / "graph")
+            run_graph(plan, files, lambda _: None, order=order, composed=composed)
+            yield RecordedRun.open(files.recording)
+
+    return path
+
+
+IN_ONE_PROCESS: dict[str, Repeats] = {
+    "recorded": _recorded,
+    "compiled": _compiled,
+    "like": _like,
+    "branch": _branch,
+    "batch": _batch,
+    "lanes": _lanes,
+    "c": _c,
+}
+PATHS = IN_ONE_PROCESS | {"composed": _graph(True), "processes": _graph(False)}
+
+
+def differences(
+    path: str, plan: RunPlan, run: RecordedRun, folder: Path, seed: int = 0
+) -> list[str] | None:
+    """Return how a plan's runs by a path differ from the recorded one; None for a path that makes none."""
+    made = 0
+    found: list[str] = []
+    for other in PATHS[path](plan, run, folder, seed):
+        made += 1
+        found += difference(run, other)
+    return found if made else None
+
+
+def difference(run: RecordedRun, other: RecordedRun | Columns) -> list[str]:
+    """Return in what a run differs from one by CPython; nothing if all bits are equal."""
+    if not isinstance(other, RecordedRun):
+        line = column_difference(RunTable.of_run(run), other)
+        return [line] if line else []
+    compared = diff(run, other)
+    lines = [] if compared.identical else [compared.describe()]
+    if compared.compared < 3 * run.count(topics.GROUND_TRUTH):
+        lines.append(f"only {compared.compared} messages compared")
+    # A run that ended early is repeated for as long as it was; a graph's recorder has events of its own.
+    length, recorder = "simulator: duration: ", "recorder: only in "
+    lines += [line for line in compared.parameters if not line.startswith((length, recorder))]
+    if not any(line.startswith(recorder) for line in compared.parameters):
+        lines += compared.record
+        for topic in (topics.RUN_EVENTS, topics.RUN_PARAMETERS):
+            if run.count(topic) != other.count(topic):
+                lines.append(f"{topic}: {run.count(topic)} messages, {other.count(topic)}")
+    verdict = verdict_on(other)
+    if verdict.exit_code != VERIFIED and run.recording.complete:
+        lines.append(f"{verdict.word}: {'; '.join(verdict.reasons)}")
+    return lines

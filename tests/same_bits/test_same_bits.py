@@ -1,0 +1,74 @@
+"""One plan by every path: compiled, again, branched, in one call, in lanes, in C: the bits of CPython."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments.analysis.run_table import RunTable
+from trunk_experiments.batch.random_plans import random_plan
+from trunk_experiments.plans.plan import RunPlan
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_msgs_util.recording.reader import Recording
+
+from ..edited import ANEW, copied
+from .paths import IN_ONE_PROCESS, difference, differences, reference
+from .scenarios import SCENARIOS, random_links
+
+PLANS: dict[str, Callable[[], RunPlan]] = {
+    **{name: scenario.plan for name, scenario in SCENARIOS.items()},
+    **{f"random {i}": partial(random_plan, i) for i in (3, 8, 14)},
+    **{f"random links {i}": partial(random_links, i, 5) for i in range(3)},
+}
+ONE_CALL = {"batch", "lanes", "c"}
+NOT_TAKEN = {
+    **{name: {"lanes"} for name in PLANS if "links" in name or "random" in name},
+    **{name: {"lanes"} for name in ("swaps", "an end by a fall", "a sensor that always fails")},
+    **{name: ONE_CALL for name, one in SCENARIOS.items() if one.changes or one.references},
+    "divergence": {"recorded", "like", "branch", "lanes"},
+}
+CELLS = [
+    pytest.param(name, path, id=f"{path}: {name}")
+    for path in IN_ONE_PROCESS
+    for name in PLANS
+    if path not in NOT_TAKEN.get(name, ())
+]
+NO_COMPILER = not (shutil.which("gcc") or shutil.which("clang"))
+
+
+@pytest.mark.slow
+@pytest.mark.one_in(3)
+@pytest.mark.parametrize(("name", "path"), CELLS)
+def test_every_path_has_the_bits_of_cpython(name: str, path: str, tmp_path: Path) -> None:
+    if path == "c" and NO_COMPILER:
+        pytest.skip("no C compiler: apt-get install gcc")
+    plan = PLANS[name]()
+    assert differences(path, plan, reference(plan, tmp_path), tmp_path) == []
+
+
+def test_one_changed_bit_is_a_difference(tmp_path: Path) -> None:
+    run = reference(SCENARIOS["fuzzy"].plan(), tmp_path)
+    theta = RunTable.of_run(run).theta.copy()
+    assert difference(run, {"theta": theta}) == []
+    theta[7] *= 1.0 + 2.0**-52
+    (line,) = difference(run, {"theta": theta})
+    assert line.startswith("step 7: theta is ")
+    assert difference(run, {"theta": theta[:-1]}) == ["1200 states, 1201 expected"]
+
+    def flip(messages: list[list]) -> None:
+        message = [one for one in messages if one[0] == "/effort_command"][70]
+        message[2] = message[2][:-8] + bytes([message[2][-8] ^ 1]) + message[2][-7:]
+
+    copied(run.path, tmp_path / "flipped.mcap", flip, ANEW)
+    lines = difference(run, RecordedRun(Recording.open(tmp_path / "flipped.mcap")))
+    assert lines[0].startswith("t = 0.07 s: effort_command: effort[trunk]: ")
+    assert lines[-1].startswith("diverges: ")
+
+
+def test_a_path_that_makes_no_run_is_none(tmp_path: Path) -> None:
+    plan = SCENARIOS["swaps"].plan()
+    assert differences("lanes", plan, reference(plan, tmp_path), tmp_path) is None
