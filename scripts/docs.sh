@@ -33,7 +33,7 @@ elif [[ -z ${TRUNK_LABS:-} ]]; then
         sort | xargs sha256sum | sha256sum)
     if [[ $sources != "$(cat "$labs/.made" 2>/dev/null)" ]]; then
         rm -rf "$labs" && mkdir "$labs"
-        for figure in fig6 fig7 fig8 fig9; do make_lab "$figure" "$figure" || exit 1; done
+        for figure in fig6 fig7 fig8 fig9 demo; do make_lab "$figure" "$figure" || exit 1; done
         make_lab free demo --controller fuzzy_pid --controller pid --controller lqr --controller computed_torque \
             --duration 20 --set disturbance.pulse.magnitude=0 || exit 1
         echo "$sources" >"$labs/.made"

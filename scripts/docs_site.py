@@ -37,6 +37,7 @@ _FUNCTION = re.compile(r"(<mi>(?:sin|cos)</mi>)(?!<mo stretchy=\"false\">&#x0002
 _PRIME = re.compile(r"<(msup|msubsup)>((?:(?!</?\1>).)*)<mi>(&#x0203[23];)</mi></\1>")
 _LABS = {
     **{f"fig{n}": f"Fig. {n}, PID and Fuzzy-PID" for n in (6, 7, 8, 9)},
+    "demo": "The run of the tutorial",
     "free": "Free: four controllers, 20 s, and only your hand disturbs",
 }
 _log = logging.getLogger("mkdocs.hooks.docs_site")
