@@ -13,6 +13,7 @@ import pytest
 from trunk_experiments.plans.nodes import NODES as KINDS
 from trunk_experiments.runs.processes import find_executable
 
+from ..graph import forked
 from ..graph.processes import Child, Children, until
 
 pytestmark = pytest.mark.graph
@@ -47,6 +48,15 @@ def test_node_ends_silently(children: Children, tmp_path: Path, library: str, nu
         said = (child.stdout + child.stderr).splitlines()
         assert all(line.startswith(("[INFO] ", "[WARN] ")) for line in said), said
         assert said or not list(tmp_path.glob("*.mcap"))
+
+
+def test_copies_begin_with_signals_blocked(children: Children) -> None:
+    """Else one that comes before the executable's first line would end it with code 1, without a word."""
+    child = children.node("pid")
+    status = Path(f"/proc/{forked.server()}/status").read_text()
+    blocked = int(status.partition("SigBlk:")[2].split()[0], 16)
+    assert all(blocked >> (number - 1) & 1 for number in NUMBERS)
+    assert child.stop() == 0, child.stderr
 
 
 def simulating(child: Child) -> bool:

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
-from multiprocessing import forkserver, get_context
+from multiprocessing import forkserver, get_context, resource_tracker
 from pathlib import Path
 from signal import SIGKILL
 
@@ -43,6 +43,7 @@ class Forked:
         root = str(Path(__file__).parents[2])
         if root not in sys.path:
             sys.path.append(root)  # where the process finds this module
+        resource_tracker.ensure_running()  # which unblocks signals where it has to be started
         with early_signals.held():  # as `ros2 run` starts our executables
             forkserver.ensure_running()
         for ending in ("out", "err"):
@@ -72,6 +73,11 @@ class Forked:
 
     def kill(self) -> None:
         self.send_signal(SIGKILL)
+
+
+def server() -> int:
+    """Return the process that the others are copied from."""
+    return int(forkserver._forkserver._forkserver_pid)  # type: ignore[attr-defined]
 
 
 def end() -> None:

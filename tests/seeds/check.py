@@ -13,8 +13,9 @@ import shutil
 import signal
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import redirect_stderr
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ from trunk_experiments.runs import segments
 from . import nodes
 from .faults import Run
 from .invariants import broken
-from .story import NS, Fault, Story, draw
+from .story import NS, STORIES, Fault, Story, draw
 from .world import HungError, World
 
 _RUN_NS = 40 * NS  # virtual; how long a run may take, waits for participants among it
@@ -113,6 +114,9 @@ def faults_of(story: Story) -> list[str]:
 @click.option(
     "--seed", "firsts", multiple=True, default=(0,), help="The first one; may be repeated."
 )
+@click.option(
+    "--story", "names", multiple=True, type=click.Choice(list(STORIES)), help="In place of seeds."
+)
 @click.option("--trace", is_flag=True, help="Print what happens in the first seed, and stop.")
 @click.option("--twice", is_flag=True, help="Play each seed twice: the trace is the same.")
 @click.option("--raw", is_flag=True, help="Do not look for the shortest list of faults.")
@@ -121,6 +125,7 @@ def faults_of(story: Story) -> list[str]:
 def main(
     count: int,
     firsts: tuple[int, ...],
+    names: tuple[str, ...],
     trace: bool,
     twice: bool,
     raw: bool,
@@ -133,11 +138,12 @@ def main(
     folder = Path(tempfile.mkdtemp(prefix="seeds_", dir="/dev/shm"))
     done = failed = 0
     begun = time.perf_counter()
-    numbers = [first + i for first in firsts for i in range(count)]
+    stories: Iterable[Story] = map(STORIES.__getitem__, names)
+    if not names:
+        stories = (draw(first + i) for first in firsts for i in range(count))
     try:
-        for number in numbers[: 1 if trace else None]:
+        for story in islice(stories, 1 if trace else None):
             done += 1
-            story = draw(number)
             outcome = play(story, folder)
             if trace:
                 print("\n".join((str(story), *outcome.trace, outcome.log)))
@@ -148,7 +154,7 @@ def main(
                 failed += 1
                 less = story if raw else shrink(story, folder)
                 mode = "lock-step" if story.lockstep else "real time"
-                print(f"seed {number} ({mode}, {story.controller}, {story.duration:g} s):")
+                print(f"seed {story.seed} ({mode}, {story.controller}, {story.duration:g} s):")
                 print("".join(f"  {line}\n" for line in found), end="")
                 print("".join(f"    {line}\n" for line in faults_of(less)), end="", flush=True)
                 if failed >= most:

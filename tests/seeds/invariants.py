@@ -109,6 +109,8 @@ def _recorded(run: Run, recording: Recording) -> Iterator[str]:
     if recording.complete:
         yield from _everything(run, found)
     kinds = {fault.kind for fault in run.story.faults}
+    if run.story.lockstep:
+        yield from _names_nobody(found)
     if harmless(run.story):
         if not recording.complete:
             yield f"no harm was done to it, but it is incomplete: {recording.end}"
@@ -118,8 +120,21 @@ def _recorded(run: Run, recording: Recording) -> Iterator[str]:
         yield from _as_offline(run, found)
 
 
+def _names_nobody(found: RecordedRun) -> Iterator[str]:
+    """Yield what names its process although time is exact, and nothing depends on who sent it."""
+    if found.count(topics.PLANT_INPUTS):
+        yield "in lock-step, but with rows of what acted"
+    for topic in (topics.JOINT_STATES, topics.EFFORT_COMMAND, topics.DISTURBANCE):
+        if named := {*found.table(topic).frames} - {""}:
+            yield f"{topic}: in lock-step, but from {', '.join(sorted(named))}"
+    if named := {message.source for message in found.events} - {""}:
+        yield f"events: in lock-step, but from {', '.join(sorted(named))}"
+
+
 def harmless(story: Story) -> bool:
     """Return True if nothing happens that keeps a run from its end."""
+    if story.whole:
+        return True
     stalls = [fault.value for fault in story.faults if fault.kind == "stall"]
     kinds = {fault.kind for fault in story.faults}
     return kinds <= _HARMLESS and sum(stalls) <= _HARMLESS_STALL_S

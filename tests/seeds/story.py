@@ -43,6 +43,7 @@ class Story(NamedTuple):
     duration: float
     faults: tuple[Fault, ...]
     settings: tuple[str, ...] = ()  # NODE.PARAMETER=VALUE
+    whole: bool = False  # whatever happens, it is complete and verifies
 
     def plan(self, **more: object) -> RunPlan:
         """Return the plan of the nodes; ``more``: parameters for each node that has them."""
@@ -139,7 +140,11 @@ def requests(fault: Fault) -> tuple[Request, ...]:
     if kind == "pause":
         return tuple(Request(f"{name}/pause", SetBool, {"data": hold}) for hold in (True, False))
     if kind == "gains":
-        key = {"fuzzy_pid": "gains.p_max", "lqr": "u_clamp_max"}.get(fault.node, "gains.p")
+        key = {
+            "fuzzy_pid": "gains.p_max",
+            "lqr": "u_clamp_max",
+            "simulator": "plant.length",
+        }.get(fault.node, "gains.p")
         value = Parameter(name=key, value=ParameterValue(type=3, double_value=fault.value))
         service = f"{name}/set_parameters_atomically"
         return (Request(service, SetParametersAtomically, {"parameters": [value]}),)
@@ -148,3 +153,42 @@ def requests(fault: Fault) -> tuple[Request, ...]:
         transition.id = _TRANSITIONS[kind]
         return (Request(f"{name}/change_state", ChangeState, {"transition": transition}),)
     return ()
+
+
+def _in_turn(*words: str) -> tuple[Fault, ...]:
+    """Return faults as ``KIND NODE VALUE``, from 0.1 s of the run on, every 50 ms."""
+    faults = []
+    for i, line in enumerate(words):
+        kind, node, *value = line.split()
+        faults.append(Fault((2 + i) * NS // 20, kind, node, *map(float, value), running=True))
+    return tuple(faults)
+
+
+# What no seed draws in this order.
+STORIES = {
+    "turns and changes while the plant rests": Story(
+        *(1, False, "pid", 2.0),
+        _in_turn(
+            *("deactivate simulator", "gains pid 35", "deactivate pid", "gains pid 85"),
+            *("activate pid", "gains pid 45", "reset pid", "gains pid 55"),
+            *("gains simulator 1.035", "reset simulator", "activate simulator"),
+            *("deactivate simulator", "deactivate pid", "gains pid 60", "activate pid"),
+            *("gains simulator 1.005", "reset simulator", "activate simulator"),
+        ),
+        whole=True,
+    ),
+    "held in every way": Story(
+        *(2, False, "pid", 1.0),
+        _in_turn(
+            *("pause simulator", "pause simulator", "deactivate simulator", "activate simulator"),
+            *("reset simulator", "pause simulator"),
+        ),
+        whole=True,
+    ),
+    "ended by a fall": Story(
+        *(3, False, "pid", 3.0, ()),
+        ("simulator.fall.angle=0.01", "simulator.fall.stop=true"),
+        whole=True,
+    ),
+    "in lock-step": Story(4, True, "pid", 0.2, (), whole=True),
+}

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from .mutants import MUTANTS, Mutant, found_after, mutated
+from .story import STORIES
 
 pytestmark = pytest.mark.slow
 
@@ -44,6 +45,12 @@ def test_seeds_that_once_failed_pass_now(part: int) -> None:
     done = seeds(1, *(f"--seed={seed}" for seed in chosen))
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith(f"{len(chosen)} seeds, 0 failed")
+
+
+def test_what_is_told_step_by_step_is_whole_and_verified() -> None:
+    done = seeds(*(f"--story={name}" for name in STORIES))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.startswith(f"{len(STORIES)} seeds, 0 failed")
 
 
 def test_a_seed_plays_the_same_twice() -> None:
