@@ -44,9 +44,7 @@ class Calls(BuiltIns):
                 raise self.refused(f"it has {length} elements", "use an index within them")
             return self.fields(value)[int(index.known)]
         if isinstance(t, RecordType) and not t.row:
-            raise self.refused(
-                "an index that is not known, of different types", "use a literal index"
-            )
+            raise self.refused("an index not known, of different types", "use a literal index")
         code = self._index(index, length)
         if isinstance(t, TableType):
             return Value(t.element, f"{value.code}[{code}]", place=True)

@@ -13,8 +13,6 @@ from typing import Any, NamedTuple
 from trunk_control.controller import Controller, settings_of
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import (
-    ControllerState,
-    Output,
     Reading,
     Seen,
     activated,
@@ -94,7 +92,6 @@ class ExportedController:
         p.names |= {"SETTINGS", "INITIAL"}
         law, config = self.law, self.config
         self.settings = settings_of(config, law)
-        self.active = not config.active_times
         memory_class = (type(law.memory),)
         self.constants_type: Type = type_of(config.constants)
         assert isinstance(self.constants_type, RecordType)
@@ -102,50 +99,24 @@ class ExportedController:
             p.titles[self.constants_type] = "Constants"
         self.settings_type = type_of(self.settings, changing=memory_class)
         self.limits_type = type_of(self.settings.limits)
+        memory, limits = self.settings.initial, self.limits_type
+        self.initial: Any = initial_state(not config.active_times, Seen(), memory)
         if self.bare:
-            self.initial: Any = LawState(
-                self.settings.initial, Sample(0.0, 0.0, 0.0, 0.0, Hip(0.0, 0.0))
-            )
-            self.state_type = type_of(self.initial, changing=memory_class)
-            self._translate_law()
+            self.initial = LawState(memory, Sample(0.0, 0.0, 0.0, 0.0))
+        self.state_type = state = type_of(self.initial, changing=memory_class)
+        functions = [Static(law.update), Static(law.transfer)]
+        given = [state, self.input_type, self.settings_type, self.constants_type, *functions]
+        if self.bare:
+            assert isinstance(state, RecordType)
+            self.update = p.function(law.update, [*state.types, self.constants_type, limits])
         else:
-            self.initial = initial_state(self.active, Seen(), self.settings.initial)
-            self.state_type = type_of(self.initial, changing=memory_class)
-            self._translate_controller()
+            assert isinstance(self.settings_type, RecordType)
+            self.update = p.function(decide, given)
+            self.activate = p.function(activated, [state, self.settings_type.types[1]])
+            self.deactivate = p.function(deactivated, [state])
+        tuned = [state, Static(law), self.constants_type, self.constants_type, limits]
+        self.retune = p.function(law_retuned if self.bare else reconfigured, tuned)
         self.leaves: list[Leaf] = leaves_of(config, p, self.constants_type)
-
-    def _translate_controller(self) -> None:
-        p, law = self.program, self.law
-        reading = type_of(Reading(0, 0.0, 0.0))
-        constants, limits = self.constants_type, self.limits_type
-        self.update = p.function(
-            decide,
-            [
-                self.state_type,
-                reading,
-                self.settings_type,
-                constants,
-                Static(law.update),
-                Static(law.transfer),
-            ],
-        )
-        assert isinstance(self.settings_type, RecordType)
-        initial = self.settings_type.types[1]
-        self.activate = p.function(activated, [self.state_type, initial])
-        self.deactivate = p.function(deactivated, [self.state_type])
-        self.retune = p.function(
-            reconfigured, [self.state_type, Static(law), constants, constants, limits]
-        )
-
-    def _translate_law(self) -> None:
-        p, law = self.program, self.law
-        assert isinstance(self.state_type, RecordType)
-        memory, sample = self.state_type.types
-        constants, limits = self.constants_type, self.limits_type
-        self.update = p.function(law.update, [memory, sample, constants, limits])
-        self.retune = p.function(
-            law_retuned, [self.state_type, Static(law), constants, constants, limits]
-        )
 
     @property
     def input_type(self) -> RecordType:
@@ -230,18 +201,16 @@ class ExportedController:
     def answered(self, readings: list[Reading]) -> list[ExportedStep]:
         """Return CPython's answers to readings, one after the other."""
         rows = []
-        if self.bare:
-            memory = self.settings.initial
-            for reading in readings:
-                memory, terms = self.law.update(
-                    memory, self.sample(reading), self.config.constants, self.settings.limits
-                )
-                rows.append(ExportedStep(reading, terms.effort, True))
-            return rows
+        memory, constants = self.settings.initial, self.config.constants
         controller = Controller(self.config, self.law)
         for reading in readings:
-            output = controller.decide(reading)
-            rows.append(ExportedStep(reading, output.effort, output.active))
+            if self.bare:
+                limits = self.settings.limits
+                memory, terms = self.law.update(memory, self.sample(reading), constants, limits)
+                rows.append(ExportedStep(reading, terms.effort, True))
+            else:
+                output = controller.decide(reading)
+                rows.append(ExportedStep(reading, output.effort, output.active))
         return rows
 
     def sample(self, reading: Reading) -> Sample:
@@ -255,6 +224,3 @@ def _add(t: Type, wanted: set[RecordType]) -> None:
         wanted.add(t)
         for inner in t.types:
             _add(inner, wanted)
-
-
-__all__ = ["ControllerState", "ExportedController", "ExportedStep", "Output"]

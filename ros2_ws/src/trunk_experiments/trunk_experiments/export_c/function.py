@@ -38,13 +38,9 @@ class Translator(FunctionResults):
         """Translate the function. Raises UntranslatableError, RestartError."""
         a = self.tree.args
         if a.vararg or a.kwarg:
-            raise self.refused(
-                "it takes any number of arguments", "name each of them", self.tree.args
-            )
-        if self.tree.decorator_list:
-            raise self.refused(
-                "it is decorated", "leave the decorator out", self.tree.decorator_list[0]
-            )
+            raise self.refused("it takes any number of arguments", "name each of them", a)
+        for decorator in self.tree.decorator_list:
+            raise self.refused("it is decorated", "leave the decorator out", decorator)
         for argument, t in zip([*a.posonlyargs, *a.args, *a.kwonlyargs], self.types, strict=True):
             self._parameter(argument.arg, t)
         if not self.statements(self.tree.body):
@@ -85,32 +81,21 @@ class Translator(FunctionResults):
             self.root.body.pop()
         declare(self.root, self.declared)
         source = f"{self.python.__module__}.{self.python.__qualname__}".replace(".<locals>", "")
-        f.text = "\n".join(
-            [
-                f"/* {source}: {first_line(self.python)} */",
-                f"static {self.head(f)} {{",
-                *text_of(self.root),
-                "}",
-            ]
-        )
+        head = [f"/* {source}: {first_line(self.python)} */", f"static {self.head(f)} {{"]
+        f.text = "\n".join([*head, *text_of(self.root), "}"])
         return f
 
     def head(self, f: Translated) -> str:
         """Return a function's head."""
-        items = []
+        declared, items = self.program.declared, []
         for c, t in f.arguments:
-            kind = self.program.c_type(t)
-            if isinstance(t, RecordType):
-                items.append(f"const {kind} *{c}")
-            else:
-                items.append(f"{kind}{c}" if kind.endswith("*") else f"{kind} {c}")
-        items += [f"{self.program.c_type(t)} *{c}" for c, t in f.outputs]
-        result = "void" if f.outputs or not at_run_time(f.result) else self.program.c_type(f.result)
-        return (
-            f"{result}{'' if result.endswith('*') else ' '}{f.name}({', '.join(items) or 'void'})"
-        )
-
-    # Lines ---------------------------------------------------------------------------------------------
+            items.append(
+                f"const {declared(t, f'*{c}')}" if isinstance(t, RecordType) else declared(t, c)
+            )
+        takes = ", ".join([*items, *(declared(t, f"*{c}") for c, t in f.outputs)]) or "void"
+        if f.outputs or not at_run_time(f.result):
+            return f"void {f.name}({takes})"
+        return f"{declared(f.result, f.name)}({takes})"
 
     # Statements: True if control does not go on behind them ---------------------------------------------
 

@@ -130,24 +130,23 @@ class Definitions(Constants):
             (t.dimensions - 1) + 2 * (t.element == INTEGER)
         ]
 
+    def declared(self, t: Type, name: str) -> str:
+        """Return a name behind its type."""
+        c = self.c_type(t)
+        return f"{c}{name}" if c.endswith("*") else f"{c} {name}"
+
     def structure(self, record: RecordType) -> str:
         """Return the definition of a record's type."""
-        comments = _comments(record.kind)
-        fields = []
         if record.row:
-            fields.append(f"    {record.types[0].c} v[{len(record.types)}];")  # type: ignore[union-attr]
+            fields = [f"    {self.declared(record.types[0], f'v[{len(record.types)}]')};"]
         else:
-            for i, inner in enumerate(record.types):
-                if not at_run_time(inner):
-                    continue
-                c = self.c_type(inner)
-                note = comments.get(record.names[i], "")
-                gap = "" if c.endswith("*") else " "
-                fields.append(
-                    f"    {c}{gap}{self.field(record, i)};" + (f" /* {note} */" if note else "")
-                )
-        name = self.records[record]
-        return "\n".join(["typedef struct {", *fields, f"}} {name};"])
+            notes = _comments(record.kind)
+            fields = [
+                f"    {self.declared(t, self.field(record, i))};{notes.get(record.names[i], '')}"
+                for i, t in enumerate(record.types)
+                if at_run_time(t)
+            ]
+        return "\n".join(["typedef struct {", *fields, f"}} {self.records[record]};"])
 
     # Functions -----------------------------------------------------------------------------------------
 
@@ -188,7 +187,7 @@ def _comments(kind: type[Any] | None) -> dict[str, str]:
         return {}
     notes = {}
     for match in re.finditer(r"^\s+(\w+)\s*:[^#\n]*#\s*(.+)$", source, re.M):
-        notes[match[1]] = match[2].strip().replace("*/", "* /")
+        notes[match[1]] = f" /* {match[2].strip().replace('*/', '* /')} */"
     return notes
 
 
