@@ -172,6 +172,14 @@ def test_a_branch_is_recorded(at, settings, tmp_path, monkeypatch):
     same_bytes(page, changed, run, monkeypatch)
 
 
+def test_values_of_another_controller_are_not_recorded(tmp_path, monkeypatch):
+    plan = make_plan("fig8", "pid", everywhere=SHORT)
+    run = computed(plan)
+    values = {"lqr": {"gains.p": 1.0}, "disturbance": {}}
+    setup = {"values": values, "branch": {"at_ns": 100_000_000, "values": values}}
+    same_bytes(page_recording(plan, run, tmp_path, setup), plan, run, monkeypatch)
+
+
 def test_a_fall_after_a_branch_names_the_limit_in_force(tmp_path, monkeypatch):
     plan = make_plan("fig8", "pid", everywhere=SHORT, settings=FALLING)
     change = offline_recording.Change(100_000_000, {"fall.angle": 1.75})

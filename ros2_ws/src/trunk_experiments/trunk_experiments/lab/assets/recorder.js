@@ -20,23 +20,26 @@ const recordingOf = (() => {
       || value("sine.amplitude") || value("noise.rms") || value("table.values").some(Boolean));
   };
 
-  // Every node's parameters at the start.
-  const nodesOf = (plan, { values, branch }) => {
+  // Every node's parameters at the start; without a signal there is no node that disturbs, and nobody waits for it.
+  const nodesOf = (lab, names, { values, branch }) => {
     const nodes = {};
-    for (const [node, parameters] of Object.entries(plan.nodes)) nodes[node] = withValues(parameters, values[node]);
-    if (nodes.disturbance && !branch?.values.disturbance && !disturbs(nodes.disturbance)) {
+    for (const node of names) {
+      const parameters = Object.entries(lab.nodes[node].parameters).map(([name, value]) => [name, lab.declared[node][name].kind, value]);
+      nodes[node] = withValues(parameters, values[node]);
+    }
+    const changes = Object.keys(branch?.values.disturbance ?? {}).length;
+    if (nodes.disturbance && !changes && !disturbs(nodes.disturbance)) {
       delete nodes.disturbance;
-      nodes.simulator = nodes.simulator.map(([name, kind, value]) => (
-        [name, kind, name === "wait_for" ? value.filter((topic) => topic !== "disturbance") : value]
-      ));
+      const waited = valueOf(nodes.simulator, "wait_for").filter((topic) => topic !== "disturbance");
+      nodes.simulator = withValues(nodes.simulator, { wait_for: waited });
     }
     return nodes;
   };
 
   // What a branch changes, in the order in which it is recorded: it takes effect after the state with index `after`.
-  const changesOf = (nodes, branch, period) => Object.keys(branch.values).sort().map((node) => {
-    const after = Math.ceil(branch.at_ns / period) - (node === "simulator" ? 0 : 1);
-    const present = withValues(nodes[node], branch.values[node]);
+  const changesOf = (nodes, { at_ns, values }, period) => Object.keys(nodes).sort().map((node) => {
+    const after = Math.ceil(at_ns / period) - (node === "simulator" ? 0 : 1);
+    const present = withValues(nodes[node], values[node]);
     const changed = present.filter(([, , value], i) => !equal(value, nodes[node][i][2]));
     return { node, after, ns: after < 0 ? -1 : after * period, changed, present };
   }).filter(({ changed }) => changed.length).sort((a, b) => a.after - b.after);
@@ -52,7 +55,7 @@ const recordingOf = (() => {
       this.plan = recording.runs[name];
       this.run = run;
       this.period = period;
-      this.nodes = nodesOf(this.plan, setup);
+      this.nodes = nodesOf(lab, this.plan.nodes, setup);
       const reached = setup.branch && setup.branch.at_ns < run.count * period;
       this.changes = reached ? changesOf(this.nodes, setup.branch, period) : [];
       this.pushes = [...setup.pushes];
