@@ -218,6 +218,14 @@ def test_a_fall_can_end_a_run(tmp_path, monkeypatch):
     same_bytes(page, plan, run, monkeypatch)
 
 
+def test_a_fall_in_the_last_state_need_not_end_a_run(tmp_path, monkeypatch):
+    plan = make_plan("fig8", "pid", everywhere=SHORT, settings=FALLING)
+    (row,) = (part.first + row for part in computed(plan).states for row in part.falls)
+    plan = make_plan("fig8", "pid", everywhere={"duration": row / 1000}, settings=FALLING)
+    run = computed(plan)
+    same_bytes(page_recording(plan, run, tmp_path), plan, run, monkeypatch)
+
+
 def test_a_run_that_diverges_is_incomplete(tmp_path, monkeypatch):
     everywhere = {"duration": 1.0, "update_rate": 200.0}
     plan = make_plan("fig6", "pid", everywhere=everywhere, settings=("pid.gains.d=900.0",))
