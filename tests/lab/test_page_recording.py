@@ -120,7 +120,7 @@ def test_a_whole_run_is_the_commands(scenario, controller, settings, tmp_path, m
         (
             "demo",
             "pid",
-            ("disturbance.pulse.magnitude=-0.5", "simulator.initial.position=[0, 0.1]"),
+            ("disturbance.sine.amplitude=5", "simulator.initial.position=[0, 0.1]"),
         ),
     ],
 )
