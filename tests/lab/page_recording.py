@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 import trunk_experiments.lab as lab_package
+from trunk_experiments.gateway.protocol import plain
 from trunk_experiments.lab.recording_template import recording_template
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.runs.engine import Engine
 from trunk_experiments.runs.loop_inputs import states_of
 from trunk_experiments.runs.offline import disturbance_source
 from trunk_experiments.runs.states import States
-from trunk_msgs_util.parameters.declarations import values_of
+from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_sim.simulation import DivergedError
 
 HERE = Path(__file__).parent
@@ -67,6 +68,14 @@ def page_recording(
         "states": states_of(plan),
         "digest": DIGEST,
         "recording": recording_template({name: plan}),
+        "nodes": {
+            node: {"parameters": {n: plain(v) for n, v in values_of(config).items()}}
+            for node, config in plan.configs.items()
+        },
+        "declared": {
+            node: {d.name: {"kind": d.kind} for d in declarations(type(config)).values()}
+            for node, config in plan.configs.items()
+        },
     }
     values = {
         "width": table.shape[1],
@@ -89,7 +98,7 @@ def differences(base: RunPlan, plan: RunPlan) -> dict[str, dict[str, Any]]:
     """Return the values of a plan that another one does not have, as a page's setup has them."""
     changed = {
         node: {
-            name: list(value) if isinstance(value, tuple) else value
+            name: plain(value)
             for name, value in values_of(config).items()
             if value != values_of(base.configs[node])[name]
         }

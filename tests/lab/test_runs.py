@@ -45,9 +45,7 @@ CASES = {
 
 @pytest.fixture(
     scope="module",
-    params=[
-        pytest.param(name, marks=() if name == "fig8" else pytest.mark.long) for name in CASES
-    ],
+    params=[pytest.param(name, marks=() if name == "fig8" else pytest.mark.long) for name in CASES],
 )
 def case(request):
     plans = plans_of(request.param, CASES[request.param])

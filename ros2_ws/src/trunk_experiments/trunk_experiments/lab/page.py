@@ -29,8 +29,9 @@ def render(lab: Mapping[str, Any]) -> str:
     names = scripts(list(_FEED), list(_OWN))
     own = {*_FEED, *_OWN}
     script = inline("\n".join(_asset(name) if name in own else part(name) for name in names))
-    digest = hashlib.sha256(script.encode()).hexdigest()[:16]
-    data = htmlsafe_json_dumps({**lab, "digest": digest}, allow_nan=False, separators=(",", ":"))
+    data = _json(lab)
+    digest = hashlib.sha256(f"{script}{data}".encode()).hexdigest()[:16]  # of all that computes
+    data = _json({**lab, "digest": digest})
     policy = (
         f"default-src 'none'; script-src {script_sources([script])} 'wasm-unsafe-eval'; "
         "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
@@ -50,6 +51,10 @@ def write(lab: Mapping[str, Any], path: Path) -> int:
     with atomic_write(path) as temporary:
         temporary.write_bytes(data)
     return len(data)
+
+
+def _json(data: Mapping[str, Any]) -> str:
+    return htmlsafe_json_dumps(data, allow_nan=False, separators=(",", ":"))
 
 
 def _asset(name: str) -> str:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from math import isinf
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
 from trunk_msgs_util.provenance import NONE, of_page
 from trunk_msgs_util.recording import rosbag2
 from trunk_msgs_util.recording.schemas import definition
@@ -25,7 +23,7 @@ _EVENTS = (Event.STARTED, Event.RETUNED, Event.FELL, Event.FINISHED, Event.FAILE
 
 
 def recording_template(plans: Mapping[str, RunPlan]) -> dict[str, Any]:
-    """Return, as JSON has it, all but the numbers of the recordings of these plans' runs, by controller.
+    """Return, as JSON has it, what a lab needs besides numbers and parameters to record these plans' runs.
 
     A type has its definition, the metadata of its channels and their part of the bag's summary; a stream of
     joint states its topic, its names, and for each value its column in the table of `runs.states`. The plans
@@ -89,11 +87,7 @@ def _run(name: str, plan: RunPlan, origin: Mapping[str, str]) -> dict[str, Any]:
         "provenance": {**origin, **known},
         "channels": [[_absolute(topic), type_name] for topic, type_name in types.items()],
         "streams": _streams(name, plan.simulator.joints),
-        "nodes": {
-            node: list(_parameters(config))
-            for node, config in plan.configs.items()
-            if node != "recorder"
-        },
+        "nodes": [node for node in plan.configs if node != "recorder"],
         "rate": str(plan.simulator.update_rate),
     }
 
@@ -131,17 +125,3 @@ def _layout(
         "velocity": _columns(velocity),
         "effort": effort,
     }
-
-
-def _parameters(config: Any) -> Iterator[list[Any]]:
-    """Yield each parameter's name, kind and value."""
-    values = values_of(config)
-    for name, declaration in declarations(type(config)).items():
-        yield [name, declaration.kind, _plain(values[name])]
-
-
-def _plain(value: Value) -> Any:
-    """Return a value as JSON has it: an infinity is a text."""
-    if isinstance(value, tuple):
-        return [_plain(element) for element in value]
-    return str(value) if isinstance(value, float) and isinf(value) else value

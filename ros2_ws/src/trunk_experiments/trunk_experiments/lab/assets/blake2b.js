@@ -75,8 +75,9 @@ const Blake2b = (() => {
     update(bytes) {
       for (let from = 0; from < bytes.length;) {
         if (this.filled === BLOCK) this.compress(0); // the last block waits for the end
-        const count = Math.min(BLOCK - this.filled, bytes.length - from);
-        this.block.set(bytes.subarray(from, from + count), this.filled);
+        const { block, filled } = this;
+        const count = Math.min(BLOCK - filled, bytes.length - from);
+        for (let i = 0; i < count; i++) block[filled + i] = bytes[from + i]; // sooner than `set` for so few
         this.filled += count;
         from += count;
       }
@@ -110,8 +111,8 @@ const Blake2b = (() => {
     // The digest in hexadecimal digits; nothing may follow.
     hex() {
       this.compress(-1);
-      const digits = (half) => Array.from(new Uint8Array(Int32Array.of(half).buffer), (b) => b.toString(16).padStart(2, "0")).join("");
-      return Array.from(this.low.subarray(0, 4), (half, i) => digits(half) + digits(this.high[i])).join("");
+      const halves = Int32Array.from({ length: 8 }, (_, i) => (i % 2 ? this.high : this.low)[i >> 1]);
+      return hexOf(new Uint8Array(halves.buffer));
     }
   };
 })();

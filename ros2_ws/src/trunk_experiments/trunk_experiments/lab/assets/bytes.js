@@ -1,6 +1,7 @@
 "use strict";
 // Bytes that grow, little-endian; every method that writes returns the writer.
 const UTF8 = new TextEncoder();
+const hexOf = (bytes) => Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
 
 class ByteWriter {
   constructor(capacity = 256) {

@@ -28,14 +28,15 @@ class RecordingWriter {
 
   static digestOf(value) { return new Blake2b().update(UTF8.encode(RecordingWriter.canonical(value))).hex(); }
 
+  // Add a topic, unless it is there.
   addTopic(topic, type) {
+    if (this.topics.has(topic)) return;
     const { mcap, schemas } = this;
     const { definition, metadata } = this.types[type];
     if (!schemas.has(type)) schemas.set(type, mcap.addSchema(type, "ros2msg", definition));
     const channel = mcap.addChannel(topic, "cdr", schemas.get(type), metadata);
     this.topics.set(topic, { channel, type, digest: new Blake2b() });
-    const hex = Array.from(UTF8.encode(definition), (byte) => byte.toString(16).padStart(2, "0")).join("");
-    this.digested.channels.push([channel, topic, "cdr", metadata, [type, "ros2msg", hex]]);
+    this.digested.channels.push([channel, topic, "cdr", metadata, [type, "ros2msg", hexOf(UTF8.encode(definition))]]);
   }
 
   // Add a message; one stamped before the first state is logged with it.
