@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from trunk_experiments.batch.random_plans import random_plan
+from trunk_experiments.export_c.closed_loop import closed_loop
 from trunk_experiments.export_c.translate import Program
 from trunk_experiments.export_c.types import type_of
 from trunk_experiments.plans.nodes import CONTROLLERS
@@ -33,3 +34,13 @@ def test_links_and_noise_can_be_translated():
     arguments = (0, bits, Link(), 1, whole, bits, whole, bits)
     Program().function(simulate_link, [type_of(argument) for argument in arguments])
     Program().function(fill, [type_of(argument) for argument in (whole, np.zeros(2))])
+
+
+def test_the_text_of_a_loop_has_nothing_of_memory_that_nobody_wrote(monkeypatch):
+    texts = set()
+    for number in (1.0, 2.0):
+        monkeypatch.setattr(
+            np, "empty", lambda shape, dtype=float, n=number: np.full(shape, n, dtype)
+        )
+        texts.add(closed_loop(*loop_and_arguments(random_plan(13))).text)
+    assert len(texts) == 1

@@ -153,7 +153,7 @@ def wire_of(
         int((steps - seen).max(initial=latest)),
         int((steps - used)[used >= 0].max(initial=latest)),
     )
-    return Wire(seen, used, np.empty((oldest[0] + 1, 5)), np.empty(oldest[1] + 1))
+    return Wire(seen, used, np.zeros((oldest[0] + 1, 5)), np.zeros(oldest[1] + 1))
 
 
 def continued(wire: Wire | None, longer: Wire | None, index: int) -> Wire | None:
