@@ -229,7 +229,6 @@ const strips = (() => {
       if (chart.drawn === drawn) {
         if (chart.time !== time) chart.plot.redraw(false); // only the time that is shown moves over the same curves
         chart.time = time;
-        label(chart, time);
         continue;
       }
       [chart.drawn, chart.time] = [drawn, time];
@@ -238,8 +237,8 @@ const strips = (() => {
         chart.plot.setData([t, ...columns.map(gaps)], false);
         chart.plot.setScale("x", { min: from, max: to });
       });
-      label(chart, time);
     }
+    for (const chart of made.values()) if (chart.seen) label(chart, time);
   };
   const label = (chart, time) => {
     for (const { one, text } of chart.keys) {

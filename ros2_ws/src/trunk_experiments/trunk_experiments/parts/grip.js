@@ -18,7 +18,7 @@ const grip = (() => {
 
   const most = () => known.world?.operator ?? { force: 0, torque: 0 };
   const may = () => known.control_allowed && !view.stands();
-  const places = () => scene.panes[pane]?.places;
+  const places = () => scene.places(pane);
   const clip = (value, bound) => Math.max(-bound, Math.min(bound, value));
   const away = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
   const place = (event) => {

@@ -160,8 +160,8 @@ const view = (() => {
     grip.turn();
     if (now - charted >= CHARTS_MS) {
       charted = now;
-      strips.draw(view.time);
       rules.draw(view.time);
+      strips.draw(view.time);
       const seek = at("seek");
       const { plant } = known;
       if (plant.count) {

@@ -162,20 +162,25 @@ const rules = (() => {
   // The rules that fire at a time, and the operating point between them.
   const draw = (time) => {
     if (section.hidden || !tables.length) return;
-    for (const cell of lit) {
-      cell.style.removeProperty("--weight");
-      cell.removeAttribute("data-lit");
-    }
-    lit = [];
     const { control } = known;
     const at = control.row(time);
     const value = (name) => control.value(name, at);
     const fired = known.firing(at);
     const { row, column } = fired;
     const there = Number.isFinite(row);
-    for (const { cells, dot } of tables) {
+    // All is measured before anything is changed: the page is laid out once.
+    const places = there ? tables.map(({ cells }) => {
+      const { offsetLeft, offsetTop, offsetWidth, offsetHeight } = cells[row][column];
+      return [offsetLeft + (0.5 + fired.w01 + fired.w11) * offsetWidth, offsetTop + (0.5 + fired.w10 + fired.w11) * offsetHeight];
+    }) : [];
+    for (const cell of lit) {
+      cell.style.removeProperty("--weight");
+      cell.removeAttribute("data-lit");
+    }
+    lit = [];
+    tables.forEach(({ cells, dot }, index) => {
       dot.hidden = !there;
-      if (!there) continue;
+      if (!there) return;
       for (const [down, right, weight] of CORNERS) {
         const cell = cells[row + down]?.[column + right];
         if (!cell || !(fired[weight] > 0)) continue;
@@ -183,11 +188,8 @@ const rules = (() => {
         cell.setAttribute("data-lit", "");
         lit.push(cell);
       }
-      const first = cells[row][column];
-      const middle = [first.offsetLeft + first.offsetWidth / 2, first.offsetTop + first.offsetHeight / 2];
-      dot.style.left = `${middle[0] + (fired.w01 + fired.w11) * first.offsetWidth}px`;
-      dot.style.top = `${middle[1] + (fired.w10 + fired.w11) * first.offsetHeight}px`;
-    }
+      [dot.style.left, dot.style.top] = places[index].map((place) => `${place}px`);
+    });
     const gains = [["kp", "Kp"], ["ki", "Ki"], ["kd", "Kd"], ["alpha", "α"]]
       .filter(([name]) => Number.isFinite(value(name))).map(([name, title]) => `${title} ${showNumber(value(name))}`);
     const words = there ? `Now: ${gains.join(", ")}.` : "";

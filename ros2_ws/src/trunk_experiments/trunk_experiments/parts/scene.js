@@ -120,11 +120,11 @@ const scene = (() => {
     }
   };
   // Where the reference can be dragged; null where it cannot.
-  const ring = (pane) => {
-    const { hip, ghost } = panes[pane].places;
-    if (known.recorded || !Number.isFinite(ghost[0])) return null;
+  const ring = (pane = 0) => {
+    const { hip, ghost } = panes[pane]?.places ?? {};
+    if (known.recorded || !Number.isFinite(ghost?.[0])) return null;
     return [hip[0] + RING * (ghost[0] - hip[0]), hip[1] + RING * (ghost[1] - hip[1])];
   };
   dark.addEventListener("change", () => draw(view.time));
-  return { canvas, draw, ring, panes };
+  return { canvas, draw, ring, panes, places: (pane = 0) => panes[pane]?.places ?? null };
 })();
