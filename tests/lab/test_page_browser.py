@@ -182,7 +182,7 @@ def test_what_is_refused_says_why_and_changes_nothing(opened, lab):
     assert refused
     page.fill("#knobs .find", refused[0][1])
     knob = page.locator("#knobs .knob[data-refused]:visible").first
-    assert "no knob here: " in knob.inner_text()
+    assert "fixed in this lab: " in knob.inner_text()
     assert knob.locator("input, select").first.is_disabled()
 
 

@@ -90,7 +90,10 @@ const grip = (() => {
     event.preventDefault();
     if (sign && known.recorded) view.freeze(false);
     hard = event.shiftKey;
-    keys = sign * (event.key === "ArrowRight" ? 1 : -1);
+    const side = event.key === "ArrowRight" ? 1 : -1;
+    keys = sign * side;
+    // Also a key that is up again before the next picture knocks.
+    if (sign && !event.repeat) knock = { torque: side * (hard ? 1 : SOFT) * most().torque, until: performance.now() + KNOCK_MS };
   };
   canvas.addEventListener("keydown", (event) => key(event, 1));
   canvas.addEventListener("keyup", (event) => key(event, 0));

@@ -134,6 +134,11 @@ const knobs = (() => {
     reset.addEventListener("click", () => ask(about.default));
     input.addEventListener("change", () => {
       if (typed && input.value === text(value)) return;
+      if (number && input.value.trim() === "") {
+        refused.textContent = "a number is needed";
+        input.value = text(value, rounded);
+        return;
+      }
       ask(about.kind === "bool" ? input.checked : parsed(about, input.value));
     });
     // All digits while they are edited.
@@ -157,13 +162,14 @@ const knobs = (() => {
       const changed = text(now) !== text(about.default);
       box.toggleAttribute("data-set", changed);
       reset.hidden = !changed || input.disabled;
+      if (slider && !changed) slider.max = ""; // the ends of the default
+      if (slider) range();
       if (input === document.activeElement && input.type !== "checkbox" && !refused.textContent) return;
       if (input.type === "checkbox") input.checked = now;
       else input.value = typed ? text(now, rounded) : text(now);
-      if (slider) range();
     };
     const allow = () => {
-      const why = about.refused ? `no knob here: ${about.refused}` : about.start && known.branch ? "only of a whole run, not of a branch" : "";
+      const why = about.refused ? `fixed in this lab: ${about.refused}` : about.start && known.branch ? "only of a whole run, not of a branch" : "";
       words.textContent = [gain ? about.description : whole, ...(why ? [why] : [])].join("; ");
       box.toggleAttribute("data-refused", Boolean(why));
       const no = about.fixed || Boolean(why) || !known.control_allowed;

@@ -120,13 +120,6 @@ class Engine {
     return this.count;
   }
 
-  // Push by hand from the next state on: force, N, and torque, N m, as far as an operator may.
-  push(force, torque) {
-    const { operator } = this.lab.world;
-    const clip = (value, bound) => Math.max(-bound, Math.min(value, bound));
-    this.setup.pushes.push([this.count * this.lab.period_ns, clip(force, operator.force), clip(torque, operator.torque)]);
-  }
-
   column(name) {
     const at = this.names.indexOf(name);
     return Float64Array.from({ length: this.count }, (_, k) => this.table[k * this.width + at]);

@@ -4,6 +4,7 @@ const lab = JSON.parse(document.getElementById("lab-data").textContent);
 const wire = (() => {
   const PIECE_MS = 6; // of computing, between which the page answers
   const CHUNK = 256; // states
+  const SHORTEST_NS = Math.ceil(50e6 / lab.period_ns) * lab.period_ns; // of a push
   const PERIOD_S = lab.period_ns / 1e9;
   const PLANT = { x: "x", theta: "theta", x_dot: "x_dot", theta_dot: "theta_dot", torque: "torque" };
   const BEFORE_TERMS = "fallen"; // the last column before those of the law
@@ -14,6 +15,7 @@ const wire = (() => {
   let setup = freshSetup();
   let goal = lab.states; // states to compute
   let hand = null; // { force, torque } that pushes while the run goes on
+  let begun = 0; // the stamp of the push that is going on, ns
   let waiting = []; // for the whole run
 
   // ── rows ─────────────────────────────────────────────────────────────────────────────────────────────
@@ -78,8 +80,7 @@ const wire = (() => {
     for (let engine = lagging(); engine && performance.now() < until; engine = lagging()) engine.advance(Math.min(goal, engine.count + CHUNK));
     engines.forEach(publish);
     if (lagging()) schedule();
-    else if (hand) push();
-    else done();
+    else if (!hand) done();
   };
   const done = () => {
     say("whole");
@@ -103,27 +104,36 @@ const wire = (() => {
   };
 
   // ── pushes by hand ───────────────────────────────────────────────────────────────────────────────────
-  // What the hand does acts from the next state on, in all runs.
+  // What the hand does acts from the next state on, in all runs, also where they are still on the way to it.
   const push = () => {
-    const going = engines.filter((engine) => !over(engine));
-    if (!going.length || lagging()) return;
     const { force, torque } = hand;
     const last = setup.pushes.at(-1);
-    const stamp = going[0].count * lab.period_ns;
-    if (last && last[1] === force && last[2] === torque && stamp - last[0] < lab.operator_timeout_ns / 2) return;
-    for (const engine of going) engine.push(force, torque);
-    setup.pushes.push([stamp, force, torque]);
+    let stamp = goal * lab.period_ns;
+    if (force || torque) {
+      if (last && last[1] === force && last[2] === torque && stamp - last[0] < lab.operator_timeout_ns / 2) return;
+      if (!last?.[1] && !last?.[2]) begun = stamp;
+    } else {
+      if (!last?.[1] && !last?.[2]) return;
+      stamp = Math.max(stamp, begun + SHORTEST_NS);
+    }
+    if (stamp >= lab.states * lab.period_ns) return;
+    const earlier = setup.pushes.filter(([at]) => at < stamp);
+    setup.pushes = [...earlier, [stamp, force, torque]];
+    for (const engine of engines) engine.setup.pushes = setup.pushes;
     pushed();
   };
   const feel = ({ force, torque }) => {
-    const rests = !force && !torque;
-    if (!view.playing || (rests && !hand)) return;
+    const { operator } = lab.world;
+    const clip = (value, bound) => Math.max(-bound, Math.min(Number(value.toPrecision(4)), bound));
+    const rests = !view.playing || (!force && !torque);
+    if (rests && !hand) return;
     const grabbed = !hand;
-    hand = { force: Number(force.toPrecision(4)), torque: Number(torque.toPrecision(4)) };
+    hand = rests ? { force: 0, torque: 0 } : { force: clip(force, operator.force), torque: clip(torque, operator.torque) };
     if (grabbed) {
-      setup.pushes = setup.pushes.filter(([stamp]) => stamp <= rowOf(view.time) * lab.period_ns);
+      setup = { ...setup, pushes: setup.pushes.filter(([stamp]) => stamp <= rowOf(view.time) * lab.period_ns) };
       begin();
-    } else push();
+    }
+    push();
     if (rests) release();
   };
   const release = () => {
@@ -241,7 +251,12 @@ const wire = (() => {
     select(lab.controllers.at(-1));
     words();
     say("recorded", known.recorded);
-    engines.push(...await Promise.all(lab.controllers.map((name) => openEngine(lab, name))));
+    try {
+      engines.push(...await Promise.all(lab.controllers.map((name) => openEngine(lab, name))));
+    } catch (error) {
+      alarm.say(`this page cannot compute here: ${error.message}; its server's policy must allow 'wasm-unsafe-eval'`);
+      return;
+    }
     say("link", "open");
   };
   return {

@@ -68,6 +68,8 @@
       rows.push(row);
     };
     const fell = runs.map((run) => Boolean(run.events.length));
+    const diverged = wire.engines.map(({ ended }) => ended === "diverged");
+    if (diverged.includes(true)) add("INCOMPLETE", runs.map((run, i) => (diverged[i] ? `diverged at ${seconds(run.plant.last)}` : "no")), diverged);
     add("FELL", runs.map((run) => (run.events.length ? `at ${seconds(run.events[0].t)}` : "no")), fell);
     const measured = wire.engines.map((engine) => engine.metrics());
     const failed = measured.map(({ failure }) => Boolean(failure));
@@ -75,7 +77,7 @@
     for (const [key, [label, unit]] of Object.entries(lab.quantities)) {
       add(`${label}, ${unit}`, measured.map(({ values }, i) => {
         const value = values[key];
-        if (value === undefined) return "–";
+        if (value === undefined || diverged[i]) return "–"; // numbers of a part say nothing of the whole
         if (value !== null) return showNumber(value, 6);
         return key.startsWith("settling") && hasLevel(runs[i]) ? "never" : "not defined";
       }));
@@ -150,7 +152,7 @@
     const bytes = recordingOf(lab, name, wire.engines[known.shown]);
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([bytes], { type: "application/octet-stream" }));
-    link.download = setups.fileOf(lab, name);
+    link.download = setups.fileOf(lab, name, "lab");
     link.click();
     URL.revokeObjectURL(link.href);
   });

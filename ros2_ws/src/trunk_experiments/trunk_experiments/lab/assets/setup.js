@@ -93,7 +93,7 @@ const setups = (() => {
     return value.flatMap((row, i) => cells(row).flatMap((label, j) =>
       (label === cells(parameters[name][i])[j] ? [] : ["--set", `${node}.${name}.${rules.error[i]}.${rules.rate[j]}=${label}`])));
   }));
-  const fileOf = (lab, name) => `${lab.scenario.replace(/^.*\//, "").replace(/\.ya?ml$/, "").replace(/[^\w.-]+/g, "_")}_${name}.mcap`;
+  const fileOf = (lab, ...names) => `${[lab.scenario.replace(/^.*\//, "").replace(/\.ya?ml$/, "").replace(/[^\w.-]+/g, "_"), ...names].join("_")}.mcap`;
   // The commands that compute a controller's run anew, with the same bits.
   const commands = (lab, name, setup) => {
     const line = (words) => words.map(quoted).join(" ");
@@ -102,12 +102,12 @@ const setups = (() => {
     if (setup.pushes.length) {
       return [
         `# the pushes by hand are in the recording: save that of ${name} first`,
-        line(["trunk", "simulate", "--like", file, "-o", file.replace(".mcap", "_again.mcap")]),
+        line(["trunk", "simulate", "--like", fileOf(lab, name, "lab"), "-o", file]),
       ];
     }
     const lines = [line([...lab.commands[name], ...settings(lab, setup.values, nodes), "-o", file])];
     const changes = setup.branch ? settings({ ...lab, nodes: Object.fromEntries(nodes.map((node) => [node, { ...lab.nodes[node], parameters: parametersOf(lab, { ...setup, branch: null }, node) }])) }, setup.branch.values, nodes) : [];
-    if (changes.length) lines.push(line(["trunk", "branch", file, "--at", String(setup.branch.at_ns / 1e9), ...changes, "-o", file.replace(".mcap", "_branch.mcap")]));
+    if (changes.length) lines.push(line(["trunk", "branch", file, "--at", String(setup.branch.at_ns / 1e9), ...changes, "-o", fileOf(lab, name, "branch")]));
     return lines;
   };
   return { link, open, parametersOf, commands, fileOf };
