@@ -76,8 +76,8 @@ def lane_difference(plan: RunPlan, outcome: Outcome) -> str | None:
         return None
     summary, lanes = in_lanes
     for columns in lanes:
-        if found := column_difference(outcome.table, columns):
-            return f"{plan.scenario}: in a lane: {found}"
+        if difference := column_difference(outcome.table, columns):
+            return f"{plan.scenario}: in a lane: {difference}"
     alone = summary_of(plan, Batch())
     return None if summary == alone else f"{plan.scenario}: {summary} in a lane, {alone} alone"
 

@@ -96,10 +96,14 @@ def lab_of(
         "operator_timeout_ns": nanoseconds(simulator.operator_timeout) if limits else 0,
         **_words(plans, knobs),
         "knobs": {
-            node: {name: _knob_data(plans, node, name, knob) for name, knob in found.knobs.items()}
-            for node, found in knobs.items()
+            node: {
+                name: _knob_data(plans, node, name, knob) for name, knob in node_knobs.knobs.items()
+            }
+            for node, node_knobs in knobs.items()
         },
-        "orders": {node: [vars(order) for order in found.orders] for node, found in knobs.items()},
+        "orders": {
+            node: [vars(order) for order in node_knobs.orders] for node, node_knobs in knobs.items()
+        },
         "commands": {name: list(words) for name, words in commands.items()},
         "divergence": {"too_far": TOO_FAR, "unstable": UNSTABLE},
         "recording": recording_template(plans),
@@ -119,12 +123,14 @@ def _choose(knobs: Mapping[str, NodeKnobs], chosen: Sequence[str]) -> None:
             reason = knobs[node].refused.get(name, "there is no such parameter")
             others = ", ".join(f"{node}.{other}" for other in knobs[node].knobs)
             raise PlanError(f"--knob {text}: {reason}; knobs can be {others}")
-    for node, found in knobs.items():
-        for name in [name for name in found.knobs if f"{node}.{name}" not in chosen]:
-            del found.knobs[name]
-            found.refused[name] = "not chosen"
-        found.orders = [
-            order for order in found.orders if {order.less, order.more} & found.knobs.keys()
+    for node, node_knobs in knobs.items():
+        for name in [name for name in node_knobs.knobs if f"{node}.{name}" not in chosen]:
+            del node_knobs.knobs[name]
+            node_knobs.refused[name] = "not chosen"
+        node_knobs.orders = [
+            order
+            for order in node_knobs.orders
+            if {order.less, order.more} & node_knobs.knobs.keys()
         ]
 
 
@@ -133,7 +139,7 @@ def _config_of(plans: Mapping[str, RunPlan], node: str) -> Any:
 
 
 def _words(plans: Mapping[str, RunPlan], knobs: Mapping[str, NodeKnobs]) -> dict[str, Any]:
-    """Return what the gateway says of the nodes: ``world``, ``nodes``, ``declared``."""
+    """Return the gateway's messages about the nodes: ``world``, ``nodes``, ``declared``."""
     board = Board()
     graph = Graph(board)
     for node in knobs:
@@ -149,14 +155,14 @@ def _words(plans: Mapping[str, RunPlan], knobs: Mapping[str, NodeKnobs]) -> dict
         elif kind == "declared":
             data["declared"][piece["name"]] = piece["parameters"]
     places = {name: _states(plan) for name, plan in plans.items()}
-    for node, found in knobs.items():
+    for node, node_knobs in knobs.items():
         states = places.get(node, next(iter(places.values())))
         for name, declared in data["declared"][node].items():
-            knob = found.knobs.get(name)
+            knob = node_knobs.knobs.get(name)
             at_start = isinstance(knob, Knob) and any(
                 place in states for group in knob.places for place in group
             )
-            declared["refused"] = found.refused.get(name, "")
+            declared["refused"] = node_knobs.refused.get(name, "")
             declared["start"] = bool(declared["fixed"]) or at_start
             declared["fixed"] = knob is None
     return data

@@ -178,8 +178,7 @@ class LabProgram:
                 self._arrays(f"{path}_{name}", item, inner)
         elif isinstance(t, Array):
             items = value.reshape(-1).tolist() or [0]
-            some = any(items)
-            text = f" = {{{', '.join(map(self._program.literal, items))}}}" if some else ""
+            text = f" = {{{', '.join(map(self._program.literal, items))}}}" if any(items) else ""
             self._statics.append(f"static {t.element.c} {path}_data[{len(items)}]{text};")
 
     def _export(self, head: str, *lines: str) -> None:
