@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import json
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -78,7 +79,7 @@ def lab_of(
     for name, plan in plans.items():
         program = LabProgram(plan, name)
         module = wasm_of(program.text, program.exports)
-        programs[name] = {"wasm": _base64(module), "columns": program.columns}
+        programs[name] = {"wasm": _packed(module), "columns": program.columns}
     places = [number.place for number in numbers_of_loop(first) if number.place]
     simulator = first.simulator
     limits = simulator.operator_limits
@@ -202,5 +203,5 @@ def _knob_data(
     }
 
 
-def _base64(data: bytes) -> str:
-    return base64.b64encode(data).decode("ascii")
+def _packed(data: bytes) -> str:
+    return base64.b64encode(gzip.compress(data, mtime=0)).decode("ascii")

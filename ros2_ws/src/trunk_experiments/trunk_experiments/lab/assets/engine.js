@@ -69,7 +69,8 @@ const checkSetup = (lab, setup) => {
 
 const openEngine = async (lab, name) => {
   const program = lab.programs[name];
-  const bytes = Uint8Array.from(atob(program.wasm), (letter) => letter.charCodeAt(0));
+  const packed = Uint8Array.from(atob(program.wasm), (letter) => letter.charCodeAt(0));
+  const bytes = await new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
   const { instance } = await WebAssembly.instantiate(bytes, {});
   return new Engine(lab, name, instance.exports);
 };
