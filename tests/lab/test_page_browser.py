@@ -217,6 +217,7 @@ def test_what_if_from_here(opened):
     assert seed.is_disabled()
     page.click(".chip")
     page.wait_for_function("() => !wire.setup.branch")
+    assert page.locator("#undo").is_disabled(), "the branch's changes went with it"
     whole(page)
     assert page.evaluate(TABLES) == original
     assert seed.is_enabled()
@@ -328,7 +329,6 @@ def test_a_link_with_nonsense_is_one_line_and_the_default_experiment(opened):
       return letters.replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", ""); }"""
     for data in NONSENSE:
         fragment = data if isinstance(data, str) else page.evaluate(pack, json.dumps(data))
-        page.evaluate("() => alarm.clear()")
         page.evaluate("() => document.getElementById('alarm-close').click()")
         page.evaluate("(fragment) => { location.hash = fragment; }", fragment)
         page.wait_for_selector("#alarm:visible")
@@ -339,6 +339,8 @@ def test_a_link_with_nonsense_is_one_line_and_the_default_experiment(opened):
         assert "\n" not in words, data
         assert setup(page) == {"values": {}, "branch": None, "pushes": []}, data
         assert page.evaluate("() => document.images.length") == 0
+    page.evaluate("() => { location.hash = ''; }")
+    page.wait_for_selector("#alarm", state="hidden")
 
 
 def test_commands_are_those_of_the_experiment(opened, lab):

@@ -87,6 +87,11 @@
   };
 
   // ── the experiment ───────────────────────────────────────────────────────────────────────────────────
+  // Another experiment: what could be taken back belongs to the one before.
+  const take = (setup) => {
+    edits.forget();
+    return wire.take(setup);
+  };
   const chip = (text, title, action) => {
     const button = made("button", `${text} ✕`, "chip");
     button.type = "button";
@@ -99,12 +104,12 @@
     const there = [];
     if (branch) {
       const words = `branch at t = ${seconds(branch.at_ns / 1e9)}`;
-      there.push(chip(words, `Remove the ${words}`, () => wire.take({ ...wire.setup, branch: null })));
+      there.push(chip(words, `Remove the ${words}`, () => take({ ...wire.setup, branch: null })));
     }
     const hands = pushes.filter(([, force, torque], i) => (force || torque) && !(i && (pushes[i - 1][1] || pushes[i - 1][2]))).length;
     if (hands) {
       const words = `${hands} ${hands === 1 ? "push" : "pushes"} by hand`;
-      there.push(chip(words, `Remove ${words}`, () => wire.take({ ...wire.setup, pushes: [] })));
+      there.push(chip(words, `Remove ${words}`, () => take({ ...wire.setup, pushes: [] })));
     }
     at("chips").replaceChildren(...there);
     at("chips").hidden = !there.length;
@@ -126,27 +131,24 @@
   const openLink = async () => {
     const fragment = location.hash.slice(1);
     let setup = freshSetup();
+    alarm.clear("link");
     try {
       if (fragment) setup = await setups.open(lab, fragment);
     } catch (error) {
-      alarm.say(`the link: ${error.message}; this is the default experiment`);
+      alarm.say(`the link: ${error.message}; this is the default experiment`, "link");
     }
-    edits.forget();
-    wire.take(setup);
+    take(setup);
   };
-  addEventListener("hashchange", () => { if (location.hash.slice(1) !== linked) openLink(); });
+  addEventListener("hashchange", openLink);
 
   // ── buttons ──────────────────────────────────────────────────────────────────────────────────────────
   at("branch").addEventListener("click", () => {
     view.freeze(true);
     const { setup } = wire;
     const index = Math.floor(view.time / (lab.period_ns / 1e9) + 1e-6);
-    wire.take({ ...setup, branch: { at_ns: index * lab.period_ns, values: setup.branch?.values ?? {} } });
+    take({ ...setup, branch: { at_ns: index * lab.period_ns, values: setup.branch?.values ?? {} } });
   });
-  at("reset-all").addEventListener("click", () => {
-    edits.forget();
-    wire.take(freshSetup());
-  });
+  at("reset-all").addEventListener("click", () => take(freshSetup()));
   at("save-recording").addEventListener("click", () => {
     const name = selected();
     const bytes = recordingOf(lab, name, wire.engines[known.shown]);
@@ -165,14 +167,13 @@
     at("copied").focus();
     await copyText(at("copied"));
   };
-  let linked = "";
   at("copy-commands").addEventListener("click", () =>
     offer("The same bits from a shell:", lab.controllers.flatMap((name) => setups.commands(lab, name, wire.setup)).join("\n")));
   at("copy-link").addEventListener("click", async () => {
-    linked = isDefaultSetup(wire.setup) ? "" : await setups.link(lab, wire.setup);
     const address = location.href.replace(/#.*/, "");
-    history.replaceState(null, "", linked ? `#${linked}` : address);
-    await offer("The whole experiment as a link to this page:", linked ? `${address}#${linked}` : address);
+    const link = isDefaultSetup(wire.setup) ? address : `${address}#${await setups.link(lab, wire.setup)}`;
+    history.replaceState(null, "", link);
+    await offer("The whole experiment as a link to this page:", link);
   });
   at("copy-again").addEventListener("click", () => copyText(at("copied")));
   let opener = null;
