@@ -32,6 +32,7 @@ INTERNAL = {
     "LimitError",
     "LimitReachedError",
     "TrailingError",
+    "NoKnobError",  # a parameter is none
     "RestartError",  # begins a translation again
     "_Interrupted",
 }

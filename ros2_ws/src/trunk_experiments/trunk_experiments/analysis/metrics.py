@@ -143,7 +143,7 @@ def steady_from(end: float) -> float:
     return end - STEADY_STATE - _TOLERANCE
 
 
-class Numbers(NamedTuple):
+class MetricNumbers(NamedTuple):
     """The fields of `RunMetrics`, NaN for None."""
 
     overshoot_deg: float
@@ -159,10 +159,10 @@ class Numbers(NamedTuple):
     theta_max_deg: float
 
 
-_MAY_BE_UNDEFINED = Numbers._fields[:4]
+_MAY_BE_UNDEFINED = MetricNumbers._fields[:4]
 
 
-def numbers_of(s: Sums, begin: float) -> Numbers:
+def numbers_of(s: Sums, begin: float) -> MetricNumbers:
     """Return the metrics of a run that began at ``begin`` [s]. It is exported as C unchanged."""
     overshoot, settling_time, mean, rms = nan, nan, nan, nan
     if _is_level(s.level_since, begin, s.t):
@@ -170,7 +170,7 @@ def numbers_of(s: Sums, begin: float) -> Numbers:
     if s.t - begin >= STEADY_STATE - _TOLERANCE:
         mean = _DEGREES * (s.steady_sum / s.steady_rows)
         rms = _DEGREES * sqrt(s.steady_squares / s.steady_rows)
-    return Numbers(
+    return MetricNumbers(
         overshoot,
         settling_time,
         mean,

@@ -69,7 +69,7 @@ class LoopValues(NamedTuple):
     participants: Chain
 
 
-class Number(NamedTuple):
+class LoopNumber(NamedTuple):
     """A number among a run's values: its place in C, its C type and its value; anything else has no place."""
 
     place: str
@@ -77,7 +77,7 @@ class Number(NamedTuple):
     value: object
 
 
-def numbers_of_loop(plan: RunPlan) -> list[Number]:
+def numbers_of_loop(plan: RunPlan) -> list[LoopNumber]:
     """Return the numbers of a plan's loop, in the order of `LabProgram`'s places, and all else in it."""
     program = Program()
     values = LoopValues(*start_of_loop(plan))
@@ -106,21 +106,21 @@ def _flatten(value: Any, values: list[object]) -> None:
         values.append(value)
 
 
-def _numbers(program: Program, place: str, path: str, value: Any, t: Type) -> Iterator[Number]:
+def _numbers(program: Program, place: str, path: str, value: Any, t: Type) -> Iterator[LoopNumber]:
     if isinstance(t, RecordType):
         for i, (name, item, inner) in enumerate(zip(t.names, value, t.types, strict=True)):
             c = f"{place}.{program.field(t, i)}"
             yield from _numbers(program, c, f"{path}_{name}", item, inner)
     elif isinstance(t, Array):
-        yield Number("", "", value.shape)
+        yield LoopNumber("", "", value.shape)
         for i, item in enumerate(value.reshape(-1).tolist()):
-            yield Number(f"{path}_data[{i}]", t.element.c, item)
+            yield LoopNumber(f"{path}_data[{i}]", t.element.c, item)
     elif isinstance(t, Scalar) and t.c:
-        yield Number(place, t.c, value)
+        yield LoopNumber(place, t.c, value)
     elif isinstance(t, TableType):
-        yield from (Number("", "", item) for item in value)
+        yield from (LoopNumber("", "", item) for item in value)
     else:
-        yield Number("", "", value)
+        yield LoopNumber("", "", value)
 
 
 @dataclass

@@ -90,7 +90,7 @@ class DrawnRuns(NamedTuple):
         return difference_of(metric, self.label, other.label, self.metric, other.metric)
 
 
-class Learned(NamedTuple):
+class LearningOutcome(NamedTuple):
     """What a search on a study's draws gave, and how it does on others."""
 
     values: Values
@@ -114,7 +114,7 @@ def learn(
     held_out_seed: int,
     workers: int,
     progress: Progress,
-) -> Learned:
+) -> LearningOutcome:
     """Search a contender's parameters for the least cost on a study's draws, and judge it on those of a seed.
 
     The cost is the metric's mean over the draws; a fall counts as `FALL` times the start's mean. By CMA-ES
@@ -156,7 +156,7 @@ def learn(
     ]
     trained = start, DrawnRuns(new, outcome(draws, label, values, metric))
     count = len(start.metric)
-    return Learned(
+    return LearningOutcome(
         values, label, plan, before, after, fall, runs * count + count, trained, tuple(held_out)
     )
 

@@ -8,17 +8,17 @@ from typing import Any
 from ...console.tables import print_table
 from ...study.compare import MeanDifference
 from ...study.intervals import Estimate
-from ...study.learning import DrawnRuns, Learned
+from ...study.learning import DrawnRuns, LearningOutcome
 from ...study.summary import estimate_text, number_text, percent
 
 
-def differences(learned: Learned, metric: str) -> list[MeanDifference]:
+def differences(learned: LearningOutcome, metric: str) -> list[MeanDifference]:
     """Return the learned parameters' metric minus that of each other contender, held-out draws."""
     _, new, *_ = learned.held_out
     return [new.less(other, metric) for other in learned.held_out if other is not new]
 
 
-def show(learned: Learned, metric: str, seed: int) -> None:
+def show(learned: LearningOutcome, metric: str, seed: int) -> None:
     """Print falls, means and paired differences."""
     rows = []
     for draws, outcomes in (("searched", learned.trained), (f"seed {seed}", learned.held_out)):
@@ -42,7 +42,7 @@ def show(learned: Learned, metric: str, seed: int) -> None:
     )
 
 
-def as_values(learned: Learned, source: str, metric: str, seed: int) -> dict[str, Any]:
+def as_values(learned: LearningOutcome, source: str, metric: str, seed: int) -> dict[str, Any]:
     """Return the same as plain values; None for what does not exist."""
     return {
         "file": source,
