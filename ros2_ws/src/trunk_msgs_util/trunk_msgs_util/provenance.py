@@ -73,6 +73,21 @@ def page_of(origin: Mapping[str, str]) -> str:
     return origin.get(_PAGE, UNKNOWN) if origin.get(_MADE_BY) == _BROWSER else ""
 
 
+def unrepeatable(arithmetic: str) -> str:
+    """Return why numbers in an arithmetic (empty: none is named) cannot be recomputed; empty if they can."""
+    if arithmetic == ARITHMETIC:
+        return ""
+    if arithmetic:
+        return (
+            f"recorded in arithmetic {arithmetic!r}, here it is {ARITHMETIC!r}: its bits cannot be "
+            "recomputed; use the version of this project that recorded it"
+        )
+    return (
+        f"no provenance that names its arithmetic ({ARITHMETIC}): its last bits depend on the machine "
+        "that recorded it, and cannot be recomputed; record the run again"
+    )
+
+
 def packages_of_laws() -> dict[str, str]:
     """Return version and sources of each package, other than ours, that registers a controller.
 

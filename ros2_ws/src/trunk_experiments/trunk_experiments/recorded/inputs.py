@@ -11,11 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_sim.config import SimulatorConfig
+from trunk_sim.operator_input import Applied
 from trunk_sim.traffic import Traffic
 
+from ..plans.operated import Operated
 from .turns import exact_from_ns, idle_ns
 
 if TYPE_CHECKING:
@@ -161,3 +164,18 @@ def disturbances(table: JointTable, rows: slice | Integers) -> Floats:
 def _whole(age: Floats) -> Integers:
     """Return ages as whole ns, within bounds."""
     return np.nan_to_num(np.clip(age, -1.0, 2.0**62)).astype(np.int64)
+
+
+def operated_of(run: RecordedRun) -> Operated:
+    """Return an operator's pushes and limits. Raises RecordingError for messages that cannot be read so."""
+    if not (run.count(topics.OPERATOR_PUSH) and "simulator" in run.parameters):
+        return Operated((), None)
+    try:
+        limits = run.config("simulator").operator_limits
+    except ParameterError as error:
+        raise RecordingError(f"{run.path}: {error}") from None
+    table = run.table(topics.OPERATOR_PUSH)
+    if table.widths["effort"] != 2 or (np.diff(table.stamp_ns) <= 0).any():
+        raise RecordingError(f"{run.path}: {table.topic}: not as a simulator writes it")
+    values = map(Applied._make, table.values("effort").tolist())
+    return Operated(tuple(zip(table.stamp_ns.tolist(), values, strict=True)), limits)

@@ -10,6 +10,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
+from trunk_msgs_util.provenance import unrepeatable
 from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
@@ -104,7 +105,7 @@ def why_not_again(run: RecordedRun, commanded: bool = False) -> str:
 
     ``commanded``: a controller of ours takes over from somebody else's.
     """
-    if reason := run.cannot_be_recomputed():
+    if reason := unrepeatable(run.arithmetic):
         return reason
     states = run.count(topics.GROUND_TRUTH)
     if run.recording.damage and not states:

@@ -11,12 +11,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError, Value
-from trunk_msgs_util.provenance import ARITHMETIC, FORMAT
+from trunk_msgs_util.provenance import FORMAT
 from trunk_msgs_util.recording.columns import (
     Column,
     ColumnLoader,
@@ -26,7 +24,7 @@ from trunk_msgs_util.recording.columns import (
     series_of,
 )
 from trunk_msgs_util.recording.joint_arrays import JointArrays
-from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 from trunk_msgs_util.topics import EXTERNAL, JOINT_STATE_TYPE
 
@@ -44,10 +42,7 @@ if TYPE_CHECKING:
 
 LOOP = (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND, topics.DISTURBANCE)
 _ANOTHER_CLOCK = 3_600_000_000_000  # ns: no recorder misses the states of a whole hour and is used
-EXACT_MODES = (
-    "lockstep",
-    "offline",
-)  # time is exact: every state is answered, and can be recomputed
+EXACT_MODES = ("lockstep", "offline")  # every state is answered, and can be recomputed
 
 
 class RecordedRun:
@@ -97,20 +92,6 @@ class RecordedRun:
     def arithmetic(self) -> str:
         """How its numbers were computed, by its provenance; empty if that does not say."""
         return self.recording.provenance.get("arithmetic", "")
-
-    def cannot_be_recomputed(self) -> str:
-        """Return why the bits cannot be recomputed: functions other than ours made them; empty if not."""
-        if self.arithmetic == ARITHMETIC:
-            return ""
-        if self.arithmetic:
-            return (
-                f"recorded in arithmetic {self.arithmetic!r}, here it is {ARITHMETIC!r}: its bits cannot be "
-                "recomputed; use the version of this project that recorded it"
-            )
-        return (
-            f"no provenance that names its arithmetic ({ARITHMETIC}): its last bits depend on the machine "
-            "that recorded it, and cannot be recomputed; record the run again"
-        )
 
     @cached_property
     def controllers(self) -> Sequence[str]:
@@ -265,21 +246,9 @@ class RecordedRun:
     @cached_property
     def operated(self) -> Operated:
         """What an operator did. Raises RecordingError for messages that cannot be read as such."""
-        from trunk_sim.operator_input import Applied
+        from .inputs import operated_of
 
-        from ..plans.operated import Operated
-
-        if not (self.count(topics.OPERATOR_PUSH) and "simulator" in self.parameters):
-            return Operated((), None)
-        try:
-            limits = self.config("simulator").operator_limits
-        except ParameterError as error:
-            raise RecordingError(f"{self.path}: {error}") from None
-        table = self.table(topics.OPERATOR_PUSH)
-        if table.widths["effort"] != 2 or (np.diff(table.stamp_ns) <= 0).any():
-            raise RecordingError(f"{self.path}: {table.topic}: not as a simulator writes it")
-        values = map(Applied._make, table.values("effort").tolist())
-        return Operated(tuple(zip(table.stamp_ns.tolist(), values, strict=True)), limits)
+        return operated_of(self)
 
     def joints(self, topic: str) -> JointArrays:
         """Return a JointState topic's messages, its name relative or absolute.

@@ -36,10 +36,7 @@ _NEEDED = {
     names.EFFORT_COMMAND: ("effort",),
     names.DISTURBANCE: ("position", "effort"),  # if there are any
 }
-_NEEDED_OF_A_ROBOT: dict[str, tuple[str, ...]] = {
-    names.JOINT_STATES: ("position",),
-    names.EFFORT_COMMAND: ("effort",),
-}
+_NEEDED_OF_A_ROBOT = {names.JOINT_STATES: ("position",), names.EFFORT_COMMAND: ("effort",)}
 _OF_BOTH = (names.GROUND_TRUTH, names.JOINT_STATES, names.DISTURBANCE)  # joints
 
 

@@ -9,9 +9,11 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_sim.plant import PlantState
 
+from ..recorded.inputs import Bools, RecordedInputs
 from ..recorded.joint_table import JointTable
 from ..recorded.processes import Process
 from ..recorded.run import RecordedRun
+from ..runs.schedule import Wire
 
 QUANTITIES = ("position", "velocity", "effort")
 _MOST_GAPS = 1000
@@ -32,6 +34,7 @@ class RecordedStates:
         # Of the states in their table; None: all of them. Large arrays are not made twice.
         self._rows = None if simulator.sent_all(self.truth) else simulator.rows(self.truth)
         self._fell = [e.stamp_ns for e in simulator.events if e.message == Event.FELL]
+        self._delay_steps: int = simulator.config.delay_steps
         period_ns = simulator.config.period_ns
         stamps = simulator.stamps(self.truth)
         odd = (stamps < 0) | (stamps % period_ns != 0)
@@ -70,6 +73,37 @@ class RecordedStates:
         """Return 1.0 at the stamps of recorded falls, else 0.0 [n]."""
         return np.isin(stamps, self._fell).astype(float)
 
+    def follows(
+        self, rows: Integers, begin: int, inputs: RecordedInputs, wire: Wire | None
+    ) -> Bools:
+        """Return for which states of the span from row ``begin`` all that leads to them is on record."""
+        before = rows - 1
+        first = rows == begin
+        before[first] = rows[first]
+        known = inputs.disturbance_known[before]
+        if wire is None:
+            known = known & inputs.command_known[before]
+        else:
+            command = wire.used[self.index[before]]
+            used = self._row_of(command, begin)
+            there = (used >= begin) & inputs.command_known[np.maximum(used, 0)]
+            known = known & (there | (command < 0))
+        known[first] = self.index[rows[first]] == 0
+        return known
+
+    def seen(self, rows: Integers, begin: int, inputs: RecordedInputs, wire: Wire | None) -> Bools:
+        """Return for which states of the span all that their measurement is made of is on record."""
+        source = rows if wire is None else self._row_of(wire.seen[self.index[rows]], begin)
+        inside = source >= begin
+        if self.index[begin] > 0:
+            inside &= source - self._delay_steps >= begin
+        known: Bools = inside & inputs.disturbance_known[np.maximum(source, 0)]
+        return known
+
+    def _row_of(self, index: Integers, begin: int) -> Integers:
+        """Return the rows of states of the span, by their indices."""
+        return index - int(self.index[begin]) + begin
+
 
 def six(table: JointTable, rows: Integers) -> Floats:
     """Return positions, velocities and efforts of two joints [n, 6] in these rows, NaN in row -1."""
@@ -81,3 +115,10 @@ def six(table: JointTable, rows: Integers) -> Floats:
     for i, quantity in enumerate(QUANTITIES):
         values[there, 2 * i : 2 * i + 2] = table.columns(quantity, 2)[at]
     return values
+
+
+def simulator_of(run: RecordedRun) -> Process:
+    """Return the process of the simulator whose run it is: the first that started."""
+    processes = run.processes("simulator")
+    started = [p for p in processes if any(e.message == Event.STARTED for e in p.events)]
+    return (started or processes)[0]

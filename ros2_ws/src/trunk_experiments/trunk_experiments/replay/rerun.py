@@ -33,7 +33,6 @@ from trunk_sim.step import Measurement, PlantStatus
 from ..plans.plan import RunPlan
 from ..recorded.inputs import Bools, RecordedInputs
 from ..recorded.joint_table import JointTable
-from ..recorded.processes import Process
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, RecordSource, start_of
 from ..runs.loop import reading_of
@@ -52,7 +51,7 @@ from ..runs.states import (
 )
 from .answers import answers_of
 from .checks import ACTIVE_CONTROLLERS, Check, ComparedColumn, Difference, references
-from .recorded_states import QUANTITIES, RecordedStates, six
+from .recorded_states import QUANTITIES, RecordedStates, simulator_of, six
 
 _FIELDS = tuple((quantity, joint) for quantity in QUANTITIES for joint in (0, 1))
 _TRUTH = [0, 1, 2, 3, 5]  # of the six fields: without the hip's effort
@@ -264,7 +263,7 @@ class Rerun:
             self.unreported += [(int(window.stamps[row]), name, on) for row, name, on in turned]
 
     def _take_plant(self, states: States, window: _Window, rows: Integers) -> None:
-        judged = self._follows(rows)
+        judged = self._states.follows(rows, self._span[0], self.inputs, self._wire)
         computed = _computed(states.table, POSITION, VELOCITY, APPLIED)
         columns = self._columns(self._states.truth, window.truth, computed)
         if self._marked:
@@ -280,7 +279,8 @@ class Rerun:
         if not len(self._states.measured):
             self.sensors.unjudged += len(rows)
             return
-        judged = ~np.isnan(window.measured[:, 0]) & self._is_seen(rows)
+        seen = self._states.seen(rows, self._span[0], self.inputs, self._wire)
+        judged = ~np.isnan(window.measured[:, 0]) & seen
         computed = _computed(states.table, SEEN_POSITION, SEEN_VELOCITY, SEEN_APPLIED)
         columns = self._columns(self._states.measured, window.measured, computed)
         self.sensors.take(window.stamps, judged, columns)
@@ -304,37 +304,6 @@ class Rerun:
             )
             for i, (quantity, joint) in enumerate(_FIELDS)
         ]
-
-    def _follows(self, rows: Integers) -> Bools:
-        """Return for which states all that leads to them is on record."""
-        before = rows - 1
-        first = rows == self._span[0]
-        before[first] = rows[first]
-        known = self.inputs.disturbance_known[before]
-        if self._wire is None:
-            known = known & self.inputs.command_known[before]
-        else:
-            used = self._row_of(self._wire.used[self._states.index[before]])
-            there = (used >= self._span[0]) & self.inputs.command_known[np.maximum(used, 0)]
-            known = known & (there | (self._wire.used[self._states.index[before]] < 0))
-        known[first] = self._states.index[rows[first]] == 0
-        return known
-
-    def _is_seen(self, rows: Integers) -> Bools:
-        """Return for which states all that their measurement is made of is on record."""
-        source = (
-            rows if self._wire is None else self._row_of(self._wire.seen[self._states.index[rows]])
-        )
-        inside = source >= self._span[0]
-        oldest = source - self.simulator.config.delay_steps
-        if self._states.index[self._span[0]] > 0:
-            inside &= oldest >= self._span[0]
-        known: Bools = inside & self.inputs.disturbance_known[np.maximum(source, 0)]
-        return known
-
-    def _row_of(self, index: Integers) -> Integers:
-        """Return the rows of states of the same span, by their indices."""
-        return index - int(self._states.index[self._span[0]]) + self._span[0]
 
     def _take_answers(self, states: States, window: _Window) -> None:
         table, commands = states.table, self._commands
@@ -371,13 +340,6 @@ class Rerun:
         for row in np.flatnonzero(odd).tolist():
             count = float(int(active[row]).bit_count())
             self.unattributed.note(Difference(int(stamps[row]), "", ACTIVE_CONTROLLERS, count, 1.0))
-
-
-def simulator_of(run: RecordedRun) -> Process:
-    """Return the process of the simulator whose run it is: the first that started."""
-    processes = run.processes("simulator")
-    started = [p for p in processes if any(e.message == Event.STARTED for e in p.events)]
-    return (started or processes)[0]
 
 
 def _computed(table: Floats, position: slice, velocity: slice, effort: int) -> Floats:

@@ -135,7 +135,7 @@ class Engine:
         start = start_of(plan) if start is None else start
         self.plan = plan
         self.index = start.first
-        self._controllers = {
+        self.controllers: Mapping[str, Controller] = {
             name: copy(controller) for name, controller in start.controllers.items()
         }
         self._side = _PlantSide(start)
@@ -155,7 +155,7 @@ class Engine:
                 plan.changes.get(name, ()),
                 (lambda _: None) if seen is None else partial(seen, name),
             )
-            for name in self._controllers
+            for name in self.controllers
         }
         self._of_simulator = plan.timeline("simulator")
         self._of_disturbance = None if plan.disturbance is None else plan.timeline("disturbance")
@@ -169,11 +169,6 @@ class Engine:
         if self._stamps is not None:
             return int(self._stamps[index])
         return index * self.plan.simulator.period_ns
-
-    @property
-    def controllers(self) -> Mapping[str, Controller]:
-        """The controllers as they are before the state with index `index`."""
-        return self._controllers
 
     def to_come(self) -> dict[str, list[Change]]:
         """Return the changes that have not taken effect yet, by node."""
@@ -192,7 +187,7 @@ class Engine:
         stamp_ns = self._stamp_ns(self.index)
         before_ns = self._stamp_ns(self.index - 1) + 1 if self.index else 0
         for name, timeline in self._timelines.items():
-            timeline.advance(stamp_ns, self._controllers[name])
+            timeline.advance(stamp_ns, self.controllers[name])
         self._side.index = self.index
         if self._of_simulator.advance(before_ns, self._side) and self._side.anew:
             trunk, self._side.anew = self._side.trunk, False
@@ -222,7 +217,7 @@ class Engine:
         return Checkpoint(
             self.index,
             self._side.config,
-            {name: copy(controller) for name, controller in self._controllers.items()},
+            {name: copy(controller) for name, controller in self.controllers.items()},
             state,
             falls,
             self._history.copy(),
@@ -266,17 +261,17 @@ class Engine:
 
     def _segment(self, stop: int) -> tuple[States, int]:
         """Compute the states up to an index, which no change separates."""
-        first, names = self.index, list(self._controllers)
+        first, names = self.index, list(self.controllers)
         disturbance = None if self._of_disturbance is None else self._of_disturbance.config
         surroundings = surroundings_of(
             self._side.config, disturbance, self._wire, self._side.remembered
         )
         if self._record is not None:
             surroundings = surroundings._replace(fall_stop=False)
-        controllers = list(self._controllers.values())
+        controllers = list(self.controllers.values())
         before = [controller.active for controller in controllers]
         state = self._state._replace(memories=chain_of([c.state for c in controllers]))
-        records = {name: c.law.record_names for name, c in self._controllers.items()}
+        records = {name: c.law.record_names for name, c in self.controllers.items()}
         out = np.empty((stop - first, TERMS + max(map(len, records.values()), default=0)))
         inputs = SegmentInputs(
             surroundings,
