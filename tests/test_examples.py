@@ -11,7 +11,7 @@ import pytest
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.recording.reader import Recording
 
-TRAIN = Path(__file__).parents[1] / "examples" / "train_linear_policy.py"
+EXAMPLES = Path(__file__).parents[1] / "examples"
 SHORT = """/**:
   ros__parameters: {update_rate: 200.0, substeps: 1, duration: 0.5}
 """
@@ -21,8 +21,8 @@ SHORT = """/**:
 def train(tmp_path):
     (tmp_path / "short.yaml").write_text(SHORT)
 
-    def run(*words):
-        command = [sys.executable, TRAIN, "--scenario", "short.yaml", *words]
+    def run(*words, script="train_linear_policy.py"):
+        command = [sys.executable, EXAMPLES / script, "--scenario", "short.yaml", *words]
         return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
 
     return run
@@ -61,3 +61,20 @@ def test_a_wrong_argument_gives_one_line_and_leaves_nothing(train, tmp_path, wor
     assert says in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_network_is_trained_for_some_steps_and_judged(train, tmp_path):
+    pytest.importorskip("stable_baselines3")
+    words = "--steps", "20", "--episodes", "2"
+    done = train("-o", "out", *words, script="train_sac.py")
+    assert done.returncode == 0, done.stderr
+    assert "20 steps" in done.stdout
+    fell = [line.split()[:4] for line in done.stdout.splitlines() if " of 2 " in line]
+    assert [line[0] for line in fell] == ["policy", "fuzzy_pid", "lqr"]
+    assert fell[1][1:] == fell[2][1:] == ["0", "of", "2"]
+    assert "policy.mcap: verified" in done.stdout
+    again = train("-o", "on", "--policy", "out/policy.zip", *words, script="train_sac.py")
+    assert [line for line in again.stdout.splitlines() if " of 2 " in line] == [
+        line for line in done.stdout.splitlines() if " of 2 " in line
+    ]
