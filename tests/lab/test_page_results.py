@@ -197,7 +197,7 @@ def test_saved_runs_are_verified_and_those_of_the_commands(opened, trunk, tmp_pa
         mine = saved(page, name, tmp_path / "page")
         assert "verified" in run(trunk, ["trunk", "verify", mine])
         run(trunk, words)
-        assert "identical" in run(trunk, ["trunk", "diff", mine, tmp_path / mine.name])
+        assert "identical" in run(trunk, ["trunk", "diff", mine, tmp_path / words[-1]])
     # A branch, from the command's run.
     seek(page, 1.2)
     page.click("#branch")
