@@ -90,7 +90,7 @@ def same_run(page: Path, ours: Path, outcome: int = VERIFIED) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize(
     ("scenario", "controller", "settings"),
     [
