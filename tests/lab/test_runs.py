@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import subprocess
 
 import numpy as np
@@ -12,6 +13,7 @@ from trunk_experiments.analysis.recorded_metrics import recorded_metrics
 from trunk_experiments.lab.wasm import missing_tools
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.units import nanoseconds
 from trunk_sim.noise import random_bits
 
 from .experiments import (
@@ -126,3 +128,15 @@ def test_a_push_by_hand_acts_until_the_next_or_the_timeout(case):
         assert equal_bits(result["table"], table)
         first = int(np.flatnonzero((table != undisturbed).any(axis=1))[0])
         assert first == 11
+
+
+def test_seconds_become_the_nanoseconds_of_python():
+    rng = random.Random(1)
+    values = [rng.uniform(0.0, 10.0) for _ in range(500)]
+    values += [k * 1e-9 + half for k in range(20) for half in (0.5e-9, 2.0**-31)]
+    script = f"{(ASSETS / 'engine.js').read_text()}\n"
+    script += (
+        f"console.log(JSON.stringify({json.dumps(values)}.map((v) => String(nanoseconds(v)))))"
+    )
+    done = subprocess.run([NODE, "-e", script], capture_output=True, text=True, check=True)
+    assert list(map(int, json.loads(done.stdout))) == list(map(nanoseconds, values))
