@@ -91,25 +91,32 @@ def test_a_message_that_several_subscriptions_hear_is_taken_once(frame):
     assert topic.taken == [message(k, frame) for k in range(4)]
 
 
-def test_a_copy_that_somebody_makes_of_our_messages_is_not_taken_again():
+@pytest.mark.parametrize("before", [0, 1, 2])
+def test_a_copy_that_somebody_makes_of_our_messages_is_not_taken_again(before):
+    """Also if it arrives with the live one ``before`` the first message that is kept."""
     topic = Topic()
     topic.strangers(PLAIN)
+    for _ in range(before):  # the live copy, and somebody's
+        topic.passing(1, message(0, PID))
     topic.kept(1, message(0, PID))
-    for _ in range(2):  # the live copy, and somebody's
+    for _ in range(2 - before):
         topic.passing(1, message(0, PID))
     topic.passing(2, message(1, PID))
     topic.kept(2, message(1, PID))
     assert topic.taken == [message(0, PID), message(1, PID)]
 
 
-def test_a_recording_that_is_played_is_heard():
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_recording_that_is_played_is_heard(times):
     """Its messages name a source that keeps nothing here."""
     topic = Topic()
     topic.strangers(PLAIN)
     topic.kept(1, message(0, PID))
-    for k in range(3):
-        topic.passing(k + 1, message(k, "pid@boot.0.0"))
-    assert topic.taken[1:] == [message(k, "pid@boot.0.0") for k in range(3)]
+    played = [message(k, "pid@boot.0.0") for k in range(3)]
+    for _ in range(times):
+        for k in range(3):
+            topic.passing(k + 1, played[k])
+    assert topic.taken[1:] == played * times
 
 
 def test_it_remembers_so_many_copies_and_no_more(monkeypatch):

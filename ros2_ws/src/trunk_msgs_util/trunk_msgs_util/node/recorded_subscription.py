@@ -57,6 +57,9 @@ class _Remembered:
             self._counts[key] = count - 1
         return count > 0
 
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._counts
+
 
 class RecordedSubscription:
     """The subscriptions to one topic; ``other_types`` has the nodes that publish something else there."""
@@ -162,7 +165,8 @@ class RecordedSubscription:
 
         A message has the same source time in every subscription that hears it.
         """
-        if source_in(frame_in(data)) in self._sources:
+        source = source_in(frame_in(data))
+        if source in self._sources:
             return
         number = info["publication_sequence_number"]
         sample = info["source_timestamp"], number, data
@@ -172,9 +176,14 @@ class RecordedSubscription:
         if len(self._passed) > _REMEMBERED:
             self._passed.popitem(last=False)
         if kind[1] == DurabilityPolicy.VOLATILE:  # only these hear our nodes' live copies
-            if self._kept_alone.take((number, data)):
+            key = number, data
+            if self._kept_alone.take(key):
                 return
-            self._live_alone.add((number, data))
+            # Somebody's copy can overtake the first message that is kept, which names the source.
+            unheard = self._kept.get_publisher_count() > len(self._sources)
+            if source and unheard and key in self._live_alone:
+                return
+            self._live_alone.add(key)
         self._take(data)
 
     def of_other_types(self) -> list[str]:
