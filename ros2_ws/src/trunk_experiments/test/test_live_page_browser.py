@@ -314,6 +314,18 @@ def test_the_filter_hides_empty_groups(opened):
     assert page.locator(shown).count() == 3
 
 
+def test_what_is_late_is_an_alarm_and_a_torque_at_its_limit_is_not(opened, served):
+    page = opened()
+    for limited, late in ((1, 0), (2, 0), (3, 1)):
+        assert page.locator("#alarm").is_hidden()
+        message = f"commands limited {limited}" + f", states late {late}" * bool(late)
+        served.call(served.graph.graph.diagnosed, "pid", 1, message, {})
+        page.wait_for_function(
+            "(message) => known.health.get('pid')?.message === message", arg=message
+        )
+    assert page.inner_text("#alarm-text") == "pid: states late 1"
+
+
 def test_a_fall_is_a_mark_in_time_and_every_event_stays_listed(opened, served):
     page = opened()
     listed = "document.querySelectorAll('#events li').length"

@@ -30,9 +30,12 @@ const health = (() => {
         .map(([key, value]) => `${key} ${value}`).join(", "));
     }
   };
+  // A torque at its limit is in the charts, and nothing is wrong with it.
+  const wrong = (message) => message.split(", ").filter((count) => !count.startsWith("commands limited")).join(", ");
   const diagnosed = ({ name, level, message }) => {
-    if (level > 0 && counted.has(name) && counted.get(name) !== message) alarm.say(`${name}: ${message}`, name);
-    counted.set(name, level > 0 ? message : "ok");
+    const counts = level > 0 ? wrong(message) : "";
+    if (counts && counted.has(name) && counted.get(name) !== counts) alarm.say(`${name}: ${counts}`, name);
+    counted.set(name, counts);
     show();
   };
   // Angles of events are in rad; people read degrees.
