@@ -75,6 +75,7 @@ def tried(plan: RunPlan, paths: Sequence[str], folder: Path, seed: int) -> Itera
 @click.option("--busy", is_flag=True, help="Keep every core busy.")
 def main(count: int, chosen: Sequence[str], graphs: int, seed: int, busy: bool) -> None:
     """Compare the runs and print what differs; the exit code is 1 if anything does."""
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
     load = [
         subprocess.Popen([sys.executable, "-c", "while True: pass"])
         for _ in range((os.cpu_count() or 1) * busy)
