@@ -283,6 +283,21 @@ def test_a_renamed_node_is_known_by_its_kind():
     assert graph.controllers == ["left"]
 
 
+@pytest.mark.parametrize("name", ["fuzzy_pid", "left"])
+def test_events_before_the_parameters_give_a_node_no_configuration(name):
+    """Between two topics there is no order: the page would look for rules that it does not have yet."""
+    board = Board()
+    graph = Graph(board)
+    graph.event(name, -1, "configured", {"kind": "fuzzy_pid"})
+    graph.event(name, -1, "activated", {})
+    node = pieces(board)["node", name]
+    assert (node["controller"], node["rules"], node["parameters"]) == (False, None, {})
+    graph.parameters(name, values_of(FuzzyPidConfig()))
+    node = pieces(board)["node", name]
+    assert node["controller"]
+    assert {table["name"] for table in node["rules"]["tables"]} <= set(node["parameters"])
+
+
 def test_a_change_of_one_parameter_is_known():
     board = Board()
     graph = Graph(board)

@@ -59,7 +59,7 @@ class NodeSeen:
 
     @property
     def config(self) -> Any:
-        """Its configuration; None where that is not ours, or not whole."""
+        """Its configuration; None where that is not ours, not known yet, or not whole."""
         return self._config
 
     @property
@@ -69,7 +69,7 @@ class NodeSeen:
         return None if known is None else known.config
 
     def _built(self) -> Any:
-        if self.config_class is None:
+        if self.config_class is None or not self.values:  # events can come before parameters
             return None
         declared = declarations(self.config_class)
         try:
