@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from trunk_msgs_util.parameters.declarations import Value
     from trunk_msgs_util.recording.joint_arrays import Floats
 
+    from ..analysis.changed_parameters import ChangedParameter
     from ..analysis.run_table import RunTable
     from ..recorded.run import RecordedRun
 
@@ -100,6 +101,13 @@ class Run:
     def parameters(self) -> Mapping[str, Mapping[str, Value]]:
         """Every node's parameters at the start, in SI units and radians."""
         return keyed(self._recorded.parameters)
+
+    @cached_property
+    def changed(self) -> tuple[ChangedParameter, ...]:
+        """The parameters that were changed while the run went on, by time."""
+        from ..analysis.changed_parameters import changed_parameters
+
+        return tuple(changed_parameters(self._recorded))
 
     @property
     def provenance(self) -> Mapping[str, str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from ..analysis.changed_parameters import lines_of
 from ..analysis.metrics import QUANTITIES, MetricText
 from ..analysis.parameter_text import differing_texts
 from ..console.document import json_option, write_json
@@ -79,6 +80,10 @@ def as_values(comparison: Comparison, files: Sequence[Path]) -> dict[str, object
             }
             for row in comparison.rows
         },
+        "changed": {
+            name: [change._asdict() for change in changes]
+            for name, changes in zip(comparison.names, comparison.changed, strict=True)
+        },
         "parameters": {name: list(values) for name, values in comparison.parameters.items()},
         "first_divergence": {
             name: None if d.first is None else d.first._asdict()
@@ -115,6 +120,8 @@ def as_markdown(comparison: Comparison) -> str:
     lines += [markdown_table(("quantity", "unit", *names), rows)]
     if comparison.parameters:
         lines += ["", markdown_table(("parameter", *names), settings(comparison))]
+    if lines_of_changes := changed(comparison):
+        lines += ["", *(f"- {line}" for line in lines_of_changes)]
     for title, (head, *cells) in table_grids(
         comparison.names, comparison.parameters, comparison.axes
     ):
@@ -148,6 +155,15 @@ def settings(comparison: Comparison) -> list[tuple[str, ...]]:
     return [
         (name, *differing_texts(values, comparison.axes.get(name)))
         for name, values in comparison.parameters.items()
+    ]
+
+
+def changed(comparison: Comparison) -> list[str]:
+    """Return a line for each parameter that was changed while a run went on."""
+    return [
+        f"{name}: {line}"
+        for name, changes in zip(comparison.names, comparison.changed, strict=True)
+        for line in lines_of(changes)
     ]
 
 
@@ -188,6 +204,9 @@ def _show(comparison: Comparison) -> None:
         comparison.names, comparison.parameters, comparison.axes
     ):
         print_table(title, head, cells)
+    if lines := changed(comparison):
+        print_title("changed while it ran")
+        click.echo("\n".join([*lines, ""]))
     for name, whose in branched(comparison):
         click.echo(f"{name}: {whose}")
     if comparison.diffs:

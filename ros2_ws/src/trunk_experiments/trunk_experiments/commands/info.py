@@ -13,6 +13,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording, Topic
 from trunk_msgs_util.units import seconds
 
+from ..analysis.changed_parameters import changed_parameters, lines_of
 from ..console.document import json_option, write_json
 from ..console.reading import reading, run_values
 from ..console.tables import aligned
@@ -43,6 +44,7 @@ def summary(run: RecordedRun) -> dict[str, Any]:
         "controllers": list(run.acting),
         "provenance": recording.provenance,
         "nodes": sorted(recording.parameters()),
+        "changed": [change._asdict() for change in changed_parameters(run)],
         "links": links(recording),
         "topics": {
             name: _topic(topic, recording.longest_gap_ns(name), recording.checked)
@@ -147,6 +149,8 @@ def command(run: Path, as_json: bool) -> None:
         **content["links"],
     }
     click.echo("\n".join(["", *_pairs(overview), ""]))
+    if changed := lines_of(changed_parameters(recorded)):
+        click.echo("\n".join(["changed while it ran:", *changed, ""]))
     rows = [
         (
             name,

@@ -14,6 +14,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays
 from trunk_msgs_util.units import seconds
 
+from ..analysis.changed_parameters import changed_parameters
 from ..analysis.parameter_text import change_grid, change_text, differing_texts
 from ..recorded.run import RecordedRun
 from .bits import ulps
@@ -125,7 +126,7 @@ def diff(a: RecordedRun, b: RecordedRun, terms: bool = True) -> RunDiff:
     joints = a.parameters.get("simulator", {}).get("joints")
     if isinstance(joints, tuple) and joints:
         result.hip = str(joints[0])
-    result.parameters = _parameters(a, b)
+    result.parameters = [*_parameters(a, b), *_changed(a, b)]
     result.tables = _tables(a, b)
     result.provenance = _mappings("", a.recording.provenance, b.recording.provenance)
     result.record = [
@@ -287,6 +288,17 @@ def _parameters(a: RecordedRun, b: RecordedRun) -> list[str]:
         else:
             lines += _mappings(f"{node}: ", here[node], there[node])
     return lines
+
+
+def _changed(a: RecordedRun, b: RecordedRun) -> list[str]:
+    """Return what was changed while one of the runs went on and not, or at another time, in the other."""
+    here, there = ([change.describe() for change in changed_parameters(run)] for run in (a, b))
+    return [
+        f"{line}, in {letter} alone"
+        for letter, lines, others in (("A", here, there), ("B", there, here))
+        for line in lines
+        if line not in others
+    ]
 
 
 def _tables(a: RecordedRun, b: RecordedRun) -> dict[str, list[list[str]]]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from trunk_control.rule_tables import Axes, axes_of, is_table
 from trunk_msgs_util.recording.reader import RecordingError
 
+from ..analysis.changed_parameters import ChangedParameter, changed_parameters
 from ..analysis.metrics import QUANTITIES, has_level, metrics, missing
 from ..analysis.parameter_text import change_grid
 from ..plans.nodes import CONTROLLERS
@@ -45,6 +46,7 @@ class Comparison:
     rows: tuple[Row, ...]
     parameters: Mapping[str, tuple[Value | None, ...]]
     axes: Mapping[str, Axes]  # of those that are rule tables
+    changed: tuple[Sequence[ChangedParameter], ...]  # of each run, while it went on
     branches: tuple[BranchOf | None, ...]
     diffs: tuple[RunDiff, ...]  # of the second run and the following against the first
 
@@ -160,6 +162,7 @@ def compare(views: Sequence[RunView]) -> Comparison:
         rows=metric_rows(views, doubts, tasks),
         parameters=parameters,
         axes=table_axes(views, parameters),
+        changed=tuple(changed_parameters(view.run) for view in views),
         branches=tuple(view.run.branch for view in views),
         diffs=tuple(divergence(views[0].run, view.run) for view in views[1:]),
     )

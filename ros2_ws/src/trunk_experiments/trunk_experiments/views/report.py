@@ -13,6 +13,7 @@ from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
+from ..analysis.changed_parameters import changed_parameters, lines_of
 from ..analysis.metrics import QUANTITIES
 from ..analysis.parameter_text import differing_texts, full_text
 from ..replay.doctor import INFO, findings
@@ -130,6 +131,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         ("states", f"{len(table.t)} from {table.t[0]:g} s to {table.t[-1]:g} s"),
         ("file", f"{resolve_path(view.path).name}, {state}"),
         *((("branch", view.run.branch.describe()),) if view.run.branch else ()),
+        *(("changed", line) for line in lines_of(changed_parameters(view.run))),
         *((("fell", f"at t = {seconds(fell):g} s"),) if fell is not None else ()),
     )
     return RunSection(

@@ -13,6 +13,7 @@ from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.config import SimulatorConfig
 
+from ..analysis.changed_parameters import changed_parameters
 from .own_terms import OwnTerm, gains_told, own_terms, values_of_term
 from .packing import Columns, packed, packed_columns
 from .run_view import INPUTS, Pulse, RunView, labels, off_scale
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 _SURFACE_POINTS = 61  # per side, at least: seven evenly spaced peaks fall on grid points
 _MOST_TEXT = 6_000_000  # characters of all columns; beyond it they are rounded
 _EXACT_ROWS = 150_000  # more are not even tried: they do not fit
+_MOST_MARKS = 40
 _BITS = (24, 20, 16)  # of a curve's usual range; 16 are 30 times what a screen can show
 _STRETCHES = 16  # by which the size of long columns is judged
 _CHANNELS = {  # what a pulse acts on, its unit
@@ -124,10 +126,20 @@ def _run(view: RunView, label: str, columns: Columns, updates: Columns) -> dict[
         "pulses": [{"start": p.start, "end": p.end, "text": pulse_text(p)} for p in view.pulses],
         "fell": _fell(view),
         "branch": None if view.run.branch is None else view.run.branch.at,
+        "changed": _changed(view),
         "turns": [turn._asdict() for turn in view.turns],
         "torqueRange": off_scale(view.table.torque),
         "fuzzy": _surfaces(controller, updates) if isinstance(controller, RuleBaseConfig) else None,
     }
+
+
+def _changed(view: RunView) -> list[dict[str, object]]:
+    """Return the parameters that were changed while the run went on; nothing where marks hide the curves."""
+    changes = changed_parameters(view.run)
+    return [
+        {"t": c.t, "text": f"{c.node}: {c.name} {c.words}"}
+        for c in (changes if len(changes) <= _MOST_MARKS else ())
+    ]
 
 
 def _fell(view: RunView) -> float | None:

@@ -10,6 +10,7 @@ const marks = (() => {
   };
   for (const run of report.runs) {
     for (const turn of run.turns.slice(1)) add(turn.start, "turn", `→ ${turn.controller}`, run.label);
+    for (const { t, text } of run.changed) add(t, "change", text, run.label);
     if (run.branch !== null) add(run.branch, "branch", "branch", run.label);
     if (run.fell !== null) add(run.fell, "fall", "fell", run.label);
     for (const push of run.pushes) add(push.start, "push", pushText(push), run.label);
@@ -28,11 +29,12 @@ function pushText({ force, torque }) {
 
 const MARK_LINES = {
   turn: () => ({ color: cssColor("--soft"), width: 1, dash: "5px,2px,1px,2px" }),
+  change: () => ({ color: cssColor("--soft"), width: 1, dash: "1px,3px" }),
   branch: () => ({ color: cssColor("--branch"), width: 1.4, dash: "6px,2px" }),
   fall: () => ({ color: cssColor("--limit"), width: 1.6, dash: "2px,3px" }),
   push: () => ({ color: cssColor("--push"), width: 1.4, dash: "1px,2px" }),
 };
-const MARK_COLORS = { turn: "--soft", branch: "--branch", fall: "--limit", push: "--push" };
+const MARK_COLORS = { turn: "--soft", change: "--soft", branch: "--branch", fall: "--limit", push: "--push" };
 
 const band = (span, fillcolor) => ({
   type: "rect", xref: "x", yref: "paper", x0: span.start, x1: span.end, y0: 0, y1: 1, line: { width: 0 }, fillcolor, layer: "below",
