@@ -121,8 +121,9 @@ def test_on_a_desk_all_is_on_one_screen(opened, scheme):
     assert page.locator("#live-charts .chart").count() == 5
 
 
-def test_on_a_phone_nothing_is_wider_than_the_screen(opened):
-    page = opened(PHONE, has_touch=True)
+@pytest.mark.parametrize("viewport", [PHONE, {"width": 320, "height": 640}], ids=["390", "320"])
+def test_on_a_phone_nothing_is_wider_than_the_screen(opened, viewport):
+    page = opened(viewport, has_touch=True)
     page.evaluate("() => document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
     box = page.locator("#scene").bounding_box()
