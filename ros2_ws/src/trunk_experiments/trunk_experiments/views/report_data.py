@@ -25,7 +25,7 @@ _MOST_TEXT = 6_000_000  # characters of all columns; beyond it they are rounded
 _EXACT_ROWS = 150_000  # more are not even tried: they do not fit
 _BITS = (24, 20, 16)  # of a curve's usual range; 16 are 30 times what a screen can show
 _STRETCHES = 16  # by which the size of long columns is judged
-_CHANNELS = {  # what a pulse acts on, its unit
+CHANNEL_TEXTS = {  # what a pulse acts on, its unit
     "hip_effort": ("on the hip", "N"),
     "trunk_effort": ("on the trunk", "N·m"),
     "hip_position": ("on the measured hip position", "m"),
@@ -138,7 +138,7 @@ def _fell(view: RunView) -> float | None:
 
 def pulse_text(pulse: Pulse) -> str:
     """Return the effect of a pulse as text: ``+100° on the measured angle``."""
-    where, unit = _CHANNELS[pulse.channel]
+    where, unit = CHANNEL_TEXTS[pulse.channel]
     value = degrees(pulse.magnitude) if unit == "°" else pulse.magnitude
     return f"{value:+.4g}{'' if unit == '°' else ' '}{unit} {where}"
 
