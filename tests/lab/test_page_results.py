@@ -204,6 +204,29 @@ def test_saved_runs_are_verified_and_those_of_the_commands(opened, trunk, tmp_pa
     assert "identical" in run(trunk, ["trunk", "diff", mine, tmp_path / branch[-1]])
 
 
+def test_a_disturbance_that_begins_with_a_branch_is_the_commands(
+    opened, trunk, tmp_path, monkeypatch
+):
+    page = opened()
+    page.evaluate(
+        "() => edits.set('disturbance', { 'pulse.magnitude': 0, 'pulse.start_times': [1.5, 5] })"
+    )
+    whole(page)
+    seek(page, 1.2)
+    page.click("#branch")
+    page.wait_for_selector(".chip")
+    page.evaluate("() => edits.set('disturbance', { 'pulse.magnitude': 0.5 })")
+    whole(page)
+    (tmp_path / "page").mkdir()
+    monkeypatch.chdir(tmp_path)
+    simulate, branch = copied(page)[-2:]
+    mine = saved(page, "fuzzy_pid", tmp_path / "page")
+    assert "verified" in run(trunk, ["trunk", "verify", mine])
+    run(trunk, simulate)
+    run(trunk, branch)
+    assert "identical" in run(trunk, ["trunk", "diff", mine, tmp_path / branch[-1]])
+
+
 def test_a_run_pushed_by_hand_is_saved_with_the_pushes(opened, trunk, tmp_path, monkeypatch):
     page = opened()
     seek(page, 0.2)
