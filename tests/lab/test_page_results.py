@@ -130,6 +130,9 @@ def test_on_a_phone_nothing_is_wider_than_the_screen(opened, viewport):
     box = page.locator("#scene").bounding_box()
     assert box["y"] < 500, "the trunks are in sight"
     page.click("#tab-numbers")
+    page.evaluate("() => edits.set('disturbance', { 'pulse.magnitude': 0 })")
+    page.wait_for_selector("#numbers .star")
+    page.evaluate("() => { document.querySelector('#numbers table').style.width = '800px'; }")
     page.click("#copy-commands")
     assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
 

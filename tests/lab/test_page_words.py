@@ -115,9 +115,9 @@ def test_a_saved_file_is_confirmed_with_the_next_step(opened, tmp_path):
     path = saved(page, "pid", tmp_path)
     words = page.inner_text("#saved")
     assert page.get_attribute("#saved", "role") == "status"
-    kilobytes = round(path.stat().st_size / 1000)
+    megabytes = f"{path.stat().st_size / 1e6:.3g}"
     assert words.startswith(
-        f"Saved {path.name}, {kilobytes} kB: the run of pid, 3 s, with states, "
+        f"Saved {path.name}, {megabytes} MB: the run of pid, 3 s, with all states, "
     )
     assert "branch at t = 1.2 s" in words
     assert words.endswith(f"trunk verify {path.name}")

@@ -191,9 +191,9 @@
     link.download = setups.fileOf(lab, name, "lab");
     link.click();
     URL.revokeObjectURL(link.href);
-    const kept = ["states", "commands", "parameters", ...[...at("chips").children].map(({ textContent }) => textContent.replace(" ✕", ""))];
+    const kept = ["all states", "commands", "parameters", ...[...at("chips").children].map(({ textContent }) => textContent.replace(" ✕", ""))];
     at("saved").replaceChildren(
-      `Saved ${link.download}, ${Math.round(bytes.length / 1000)} kB: the run of ${name}, ${seconds(((run.count - 1) * lab.period_ns) / 1e9)}, `
+      `Saved ${link.download}, ${showNumber(bytes.length / 1e6, 3)} MB: the run of ${name}, ${seconds(((run.count - 1) * lab.period_ns) / 1e9)}, `
       + `with ${kept.join(", ")}. Next, where trunk is installed: `,
       made("code", `trunk verify ${link.download}`),
     );
