@@ -49,10 +49,12 @@ def test_parameters_of_all_controllers_are_listed_once():
     assert text.count("| `gains.p` |") == 3  # pid, lqr, computed_torque: in different units
 
 
-def test_each_metric_is_defined_with_its_unit():
+def test_each_metric_is_defined_as_in_the_code():
     page = text_of(ROOT / "docs" / "metrics.md")
-    found = dict(re.findall(r"^\| `(\w+)` \| (\S+) \|", page, re.MULTILINE))
-    assert found == {name: quantity.unit for name, quantity in QUANTITIES.items()}
+    rows = re.findall(r"^\| `(\w+)` \| (\S+) \| (.+) \|$", page, re.MULTILINE)
+    assert [(name, unit, meaning.replace(r"\|", "|")) for name, unit, meaning in rows] == [
+        (name, quantity.unit, quantity.meaning) for name, quantity in QUANTITIES.items()
+    ]
 
 
 @pytest.mark.parametrize("page", [*PAGES, *OTHERS], ids=lambda page: str(page.relative_to(ROOT)))

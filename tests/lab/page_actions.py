@@ -54,3 +54,14 @@ def copied(page):
     page.wait_for_selector("#copying:visible")
     lines = page.inner_text("#copied").splitlines()
     return [shlex.split(line) for line in lines if not line.startswith("#")]
+
+
+def saved(page, name, folder):
+    """Save the recording of a controller's run; return its path."""
+    page.click(f"#controllers input[value={name}]")
+    page.wait_for_selector(f"#save-recording:enabled >> text=Save recording of {name}")
+    with page.expect_download() as download:
+        page.click("#save-recording")
+    path = folder / download.value.suggested_filename
+    download.value.save_as(path)
+    return path

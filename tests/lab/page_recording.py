@@ -73,7 +73,10 @@ def page_recording(
             for node, config in plan.configs.items()
         },
         "declared": {
-            node: {d.name: {"kind": d.kind} for d in declarations(type(config)).values()}
+            node: {
+                d.name: {"kind": d.kind, "default": plain(d.default)}
+                for d in declarations(type(config)).values()
+            }
             for node, config in plan.configs.items()
         },
     }

@@ -79,6 +79,39 @@ def test_a_knob_and_a_rule_are_changed_and_taken_back(opened):
     assert page.locator("#reset-all").is_disabled()
 
 
+def test_a_rule_table_is_one_stop_of_the_tab_key(opened):
+    page = opened()
+    at = """() => {
+      const cell = document.activeElement.closest('td');
+      return [[...document.querySelectorAll('#tables table')].indexOf(cell?.closest('table')),
+        cell?.parentElement.rowIndex, cell?.cellIndex]; }"""
+    assert page.locator("#tables [role=grid]").count() == 3
+    assert page.locator("#tables button[tabindex='0']").count() == 3
+    page.focus("#collect")
+    page.keyboard.press("Tab")
+    assert page.evaluate(at) == [0, 1, 1]
+    time = page.evaluate("() => { view.freeze(true); return view.time; }")
+    for key, place in (
+        ("ArrowRight", [0, 1, 2]),
+        ("ArrowDown", [0, 2, 2]),
+        ("End", [0, 2, 7]),
+        ("ArrowRight", [0, 2, 7]),
+        ("Home", [0, 2, 1]),
+        ("ArrowLeft", [0, 2, 1]),
+        ("Control+End", [0, 7, 7]),
+        ("ArrowUp", [0, 6, 7]),
+        ("Tab", [1, 1, 1]),
+        ("Shift+Tab", [0, 6, 7]),
+        ("Control+Home", [0, 1, 1]),
+    ):
+        page.keyboard.press(key)
+        assert page.evaluate(at) == place, key
+    assert page.evaluate("() => view.time") == time, "the keys are the table's alone"
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#tables td[data-edited]")
+    assert page.evaluate(at) == [0, 1, 1]
+
+
 def test_what_is_refused_says_why_and_changes_nothing(opened, lab):
     page = opened()
     set_gain(page, 1)  # below p_min

@@ -173,6 +173,29 @@ def test_a_branch_is_recorded(at, settings, tmp_path, monkeypatch):
     same_bytes(page, changed, run, monkeypatch)
 
 
+@pytest.mark.parametrize("at", [0.0, 0.3])
+def test_a_disturbance_begins_with_a_branch(at, tmp_path):
+    base = make_plan("fig8", "pid", everywhere=SHORT)
+    quiet = {"pulse.magnitude": 0.0, "pulse.start_times": [0.2, 0.4]}
+    settings = [f"disturbance.{name}={value}" for name, value in quiet.items()]
+    record_offline(
+        make_plan("fig8", "pid", everywhere=SHORT, settings=settings), tmp_path / "parent.mcap"
+    )
+    parent = RecordedRun.open(tmp_path / "parent.mcap")
+    branch = Branch(at, (*settings[1:], "disturbance.pulse.magnitude=0.5"))
+    made = branched(parent, resumed(parent, state_at(parent, at)), branch, None)
+    record_branch(parent, branch, made, tmp_path / "branch.mcap")
+    after = {"disturbance": {"pulse.magnitude": 0.5}}
+    change = offline_recording.Change(round(at * 1e9) - 1, after["disturbance"])
+    start = replace(base.disturbance, pulse_magnitude=0.0, pulse_start_times=(0.2, 0.4))
+    run = computed(replace(base, disturbance=start, changes={"disturbance": [change]}))
+    setup = {
+        "values": {"disturbance": quiet},
+        "branch": {"at_ns": round(at * 1e9), "values": after},
+    }
+    same_run(page_recording(base, run, tmp_path, setup), tmp_path / "branch.mcap")
+
+
 def test_values_of_another_controller_are_not_recorded(tmp_path, monkeypatch):
     plan = make_plan("fig8", "pid", everywhere=SHORT)
     run = computed(plan)

@@ -14,6 +14,7 @@ from .page_actions import (
     PHONE,
     copied,
     pulled,
+    saved,
     seek,
     set_gain,
     whole,
@@ -76,7 +77,7 @@ def test_numbers_of_all_controllers_stand_side_by_side_with_falls_first(opened, 
     assert rows[0] == ["quantity", "pid", "fuzzy_pid"]
     assert rows[1] == ["FELL", "at 1.064 s", "at 1.085 s"]
     assert [row[0] for row in rows[2:]] == [
-        f"{label}, {unit}" for label, unit in lab["quantities"].values()
+        f"{label}, {unit}" for label, unit, *_ in lab["quantities"].values()
     ]
     assert all(len(row) == 3 for row in rows)
     # Rules and gains are those of the controller that is shown; the other's curve stays.
@@ -121,13 +122,17 @@ def test_on_a_desk_all_is_on_one_screen(opened, scheme):
     assert page.locator("#live-charts .chart").count() == 5
 
 
-def test_on_a_phone_nothing_is_wider_than_the_screen(opened):
-    page = opened(PHONE, has_touch=True)
+@pytest.mark.parametrize("viewport", [PHONE, {"width": 320, "height": 640}], ids=["390", "320"])
+def test_on_a_phone_nothing_is_wider_than_the_screen(opened, viewport):
+    page = opened(viewport, has_touch=True)
     page.evaluate("() => document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
     box = page.locator("#scene").bounding_box()
     assert box["y"] < 500, "the trunks are in sight"
     page.click("#tab-numbers")
+    page.evaluate("() => edits.set('disturbance', { 'pulse.magnitude': 0 })")
+    page.wait_for_selector("#numbers .star")
+    page.evaluate("() => { document.querySelector('#numbers table').style.width = '800px'; }")
     page.click("#copy-commands")
     assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
 
@@ -157,22 +162,12 @@ def test_axe_has_no_complaint(browser, path, viewport, scheme):
         page.evaluate(
             "() => { document.documentElement.dataset.whole = 'true'; view.freeze(true); }"
         )
-        for prepare in ("#branch", "#tab-numbers", "#copy-commands"):
+        for prepare in ("#branch", "#tab-numbers", "#save-recording", "#copy-commands"):
             page.click(prepare)
             whole(page)
             found = Axe().run(page).response
             assert [rule["id"] for rule in found["violations"]] == [], prepare
             assert len(found["passes"]) > 15
-
-
-def saved(page, name, folder):
-    page.click(f"#controllers input[value={name}]")
-    page.wait_for_selector(f"#save-recording:enabled >> text=Save recording of {name}")
-    with page.expect_download() as download:
-        page.click("#save-recording")
-    path = folder / download.value.suggested_filename
-    download.value.save_as(path)
-    return path
 
 
 def run(trunk, words):
@@ -208,6 +203,29 @@ def test_saved_runs_are_verified_and_those_of_the_commands(opened, trunk, tmp_pa
     branch = copied(page)[-1]
     mine = saved(page, "fuzzy_pid", tmp_path / "page")
     assert "verified" in run(trunk, ["trunk", "verify", mine])
+    run(trunk, branch)
+    assert "identical" in run(trunk, ["trunk", "diff", mine, tmp_path / branch[-1]])
+
+
+def test_a_disturbance_that_begins_with_a_branch_is_the_commands(
+    opened, trunk, tmp_path, monkeypatch
+):
+    page = opened()
+    page.evaluate(
+        "() => edits.set('disturbance', { 'pulse.magnitude': 0, 'pulse.start_times': [1.5, 5] })"
+    )
+    whole(page)
+    seek(page, 1.2)
+    page.click("#branch")
+    page.wait_for_selector(".chip")
+    page.evaluate("() => edits.set('disturbance', { 'pulse.magnitude': 0.5 })")
+    whole(page)
+    (tmp_path / "page").mkdir()
+    monkeypatch.chdir(tmp_path)
+    simulate, branch = copied(page)[-2:]
+    mine = saved(page, "fuzzy_pid", tmp_path / "page")
+    assert "verified" in run(trunk, ["trunk", "verify", mine])
+    run(trunk, simulate)
     run(trunk, branch)
     assert "identical" in run(trunk, ["trunk", "diff", mine, tmp_path / branch[-1]])
 

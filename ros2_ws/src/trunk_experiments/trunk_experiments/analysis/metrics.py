@@ -27,10 +27,11 @@ _NOT_DEFINED = "not defined"
 
 
 class MetricText(NamedTuple):
-    """A metric's name and unit, and whether a smaller magnitude is better."""
+    """A metric's name, unit and meaning, and whether a smaller magnitude is better."""
 
     label: str
     unit: str
+    meaning: str = ""
     judged: bool = True
     missing: str = _NOT_DEFINED  # shown for a run that has none
 
@@ -41,17 +42,37 @@ class MetricText(NamedTuple):
 
 
 QUANTITIES: Mapping[str, MetricText] = {
-    "overshoot_deg": MetricText("overshoot", "°"),
-    "settling_time_6deg_s": MetricText("settling time, ±6°", "s", missing="never"),
-    "steady_state_error_mean_deg": MetricText("steady-state error, mean", "°"),
-    "steady_state_error_rms_deg": MetricText("steady-state error, RMS", "°"),
-    "iae": MetricText("IAE, ∫|e| dt", "rad·s"),
-    "ise": MetricText("ISE, ∫e² dt", "rad²·s"),
-    "itae": MetricText("ITAE, ∫t|e| dt", "rad·s²"),
-    "effort": MetricText("effort, ∫τ² dt", "N²·m²·s"),
-    "peak_torque": MetricText("peak torque", "N·m"),
-    "theta_min_deg": MetricText("smallest angle", "°", judged=False),
-    "theta_max_deg": MetricText("largest angle", "°", judged=False),
+    "overshoot_deg": MetricText(
+        "overshoot",
+        "°",
+        "how far the angle goes past the reference's last level, seen from the angle at "
+        "which that level began; 0 if it never does. Undefined if the angle began at the "
+        "level",
+    ),
+    "settling_time_6deg_s": MetricText(
+        "settling time, ±6°",
+        "s",
+        "from the last change of the reference until |e| is at most 6° and stays so to "
+        "the end; never unless at least 1 s remains after it",
+        missing="never",
+    ),
+    "steady_state_error_mean_deg": MetricText(
+        "steady-state error, mean", "°", "mean of e over the last 2 s"
+    ),
+    "steady_state_error_rms_deg": MetricText(
+        "steady-state error, RMS", "°", "root mean square of e over the last 2 s"
+    ),
+    "iae": MetricText("IAE, ∫|e| dt", "rad·s", "∫ |e| dt, by trapezoids"),
+    "ise": MetricText("ISE, ∫e² dt", "rad²·s", "∫ e² dt, by trapezoids"),
+    "itae": MetricText(
+        "ITAE, ∫t|e| dt", "rad·s²", "∫ t |e| dt, by trapezoids: late errors weigh more"
+    ),
+    "effort": MetricText(
+        "effort, ∫τ² dt", "N²·m²·s", "∫ τ² dt, each torque times the period over which it acted"
+    ),
+    "peak_torque": MetricText("peak torque", "N·m", "the largest |τ|"),
+    "theta_min_deg": MetricText("smallest angle", "°", "the smallest angle", judged=False),
+    "theta_max_deg": MetricText("largest angle", "°", "the largest angle", judged=False),
 }
 JUDGED = tuple(name for name, text in QUANTITIES.items() if text.judged)
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_msgs_util.units import NANOSECONDS, nanoseconds
+from trunk_sim.disturbances import CHANNELS, Disturbance
 from trunk_sim.simulation import TOO_FAR, UNSTABLE
 
 from ..analysis.metrics import QUANTITIES
@@ -20,6 +21,7 @@ from ..gateway.graph import Graph
 from ..gateway.protocol import plain
 from ..plans.plan import RunPlan
 from ..runs.loop_inputs import check_compilable, states_of
+from ..views.report_data import CHANNEL_TEXTS
 from .knobs import Knob, KnobSearch, NodeKnobs, RuleKnob
 from .program import CHUNK, LabProgram, numbers_of_loop
 from .recording_template import recording_template
@@ -92,7 +94,14 @@ def lab_of(
         "controllers": list(plans),
         "chunk": CHUNK,
         "metrics": list(QUANTITIES),
-        "quantities": {key: [text.label, text.unit] for key, text in QUANTITIES.items()},
+        "quantities": {
+            key: [text.label, text.unit, text.judged, text.meaning]
+            for key, text in QUANTITIES.items()
+        },
+        "channels": [
+            [column, *CHANNEL_TEXTS[channel]]
+            for column, channel in zip(Disturbance._fields, CHANNELS, strict=True)
+        ],
         "noise": [places.index(place) for place in _NOISE],
         "operator_timeout_ns": nanoseconds(simulator.operator_timeout) if limits else 0,
         **_words(plans, knobs),

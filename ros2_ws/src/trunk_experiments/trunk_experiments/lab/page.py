@@ -21,7 +21,7 @@ _COMPUTING = ("random_bits.js", "python_numbers.js", "engine.js")
 _CODING = ("bytes.js", "crc32.js", "blake2b.js", "cdr.js", "mcap.js")
 _RECORDING = (*_CODING, "recording_writer.js", "recorder.js")
 _FEED = (*_COMPUTING, *_RECORDING, "setup.js", "feed.js")
-_OWN = ("lab.js",)
+_OWN = ("events.js", "lab.js")
 
 
 def render(lab: Mapping[str, Any]) -> str:

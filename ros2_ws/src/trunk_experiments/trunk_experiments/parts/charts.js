@@ -155,8 +155,16 @@ const strips = (() => {
     key.append(svg, text);
     return { one, key, text };
   };
+  const patch = () => {
+    const key = document.createElement("span");
+    key.className = "key";
+    const band = document.createElement("span");
+    band.className = "patch pulse";
+    key.append(band, "pulse acts");
+    return key;
+  };
   // What a chart's lines depend on, besides the numbers.
-  const composition = () => `${known.shown} ${known.runs.map(({ name, before }) => `${name} ${Boolean(before)}`).join()}`;
+  const composition = () => `${known.shown} ${Boolean(known.pulses.length)} ${known.runs.map(({ name, before }) => `${name} ${Boolean(before)}`).join()}`;
   const build = (chart) => {
     chart.plot?.destroy();
     chart.of = composition();
@@ -164,17 +172,25 @@ const strips = (() => {
     chart.lines = linesOf(chart.kind);
     chart.keys = chart.lines.filter((one) => one.label).map(keyOf);
     chart.caption.replaceChildren(chart.title, ...chart.keys.map(({ key }) => key));
+    if (known.pulses.length && chart.kind.id === "angle") chart.caption.append(patch());
     label(chart, view.time); // before the room for the curves is measured
     const axis = { stroke: cssColor("--ink"), grid: { stroke: cssColor("--grid"), width: 1 }, ticks: { stroke: cssColor("--rule"), width: 1 }, font: "12px system-ui, sans-serif" };
     chart.plot = new uPlot({
       width: Math.max(chart.target.clientWidth, 60), height: chart.target.clientHeight, padding: [8, 8, 0, 0],
       scales: { x: { time: false, auto: false }, y: { range: (_, low, high) => spread(low, high) } },
       axes: [{ ...axis, size: 28 }, { ...axis, size: 60, space: 20, values: (_, ticks) => ticks.map((value) => showNumber(value)) }],
-      legend: { show: false }, cursor: { show: false }, hooks: { draw: [marks] },
+      legend: { show: false }, cursor: { show: false }, hooks: { drawClear: [bands], draw: [marks] },
       series: [{}, ...chart.lines.map((one) => ({
         stroke: cssColor(one.color), width: one.width ?? 1.8, dash: one.dash, points: { show: false },
       }))],
     }, [[], ...chart.lines.map(() => [])], chart.target);
+  };
+  // Where the plan's pulses act, behind the curves.
+  const bands = (plot) => {
+    const { left, top, width, height } = plot.bbox;
+    const place = (t) => Math.max(left, Math.min(left + width, plot.valToPos(t, "x", true)));
+    plot.ctx.fillStyle = cssColor("--pulse");
+    for (const { start, end } of known.pulses) plot.ctx.fillRect(place(start), top, Math.max(0, place(end) - place(start)), height);
   };
   // A fall is a moment: a line across the charts. So are the time that is shown of a whole run, and where a branch begins.
   const marks = (plot) => {

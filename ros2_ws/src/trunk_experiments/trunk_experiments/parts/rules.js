@@ -79,11 +79,38 @@ const rules = (() => {
     send();
   });
 
+  // A table is one stop of the Tab key: arrows, Home and End lead from cell to cell, with Ctrl to the corners.
+  const roam = (table, cells) => {
+    const [bottom, right] = [cells.length - 1, cells[0].length - 1];
+    let stop = cells[0][0].firstChild;
+    cells.flat().forEach((cell) => { cell.firstChild.tabIndex = cell.firstChild === stop ? 0 : -1; });
+    table.addEventListener("focusin", ({ target }) => {
+      if (target.localName !== "button") return;
+      stop.tabIndex = -1;
+      stop = target;
+      stop.tabIndex = 0;
+    });
+    table.addEventListener("keydown", (event) => {
+      const { key, target, ctrlKey } = event;
+      if (target.localName !== "button" || event.altKey || event.metaKey) return;
+      const row = cells.findIndex((line) => line.includes(target.parentElement));
+      const column = cells[row].indexOf(target.parentElement);
+      const to = {
+        ArrowLeft: [row, column - 1], ArrowRight: [row, column + 1], ArrowUp: [row - 1, column], ArrowDown: [row + 1, column],
+        Home: [ctrlKey ? 0 : row, 0], End: [ctrlKey ? bottom : row, right],
+      }[key];
+      if (!to) return;
+      event.preventDefault();
+      cells[to[0]]?.[to[1]]?.firstChild.focus();
+    });
+  };
+
   const make = ({ name, title, labels }, { error, rate }) => {
     const box = document.createElement("div");
     box.className = "rule-table";
     const table = document.createElement("table");
     table.className = "rules";
+    table.setAttribute("role", "grid");
     if (rate.length > 9) table.style.minWidth = `${2.4 * rate.length}rem`;
     const caption = table.createCaption();
     caption.textContent = `${title}: rows e, columns ė`;
@@ -111,6 +138,7 @@ const rules = (() => {
         return cell;
       });
     });
+    roam(table, cells);
     const dot = document.createElement("div");
     dot.className = "rule-dot";
     dot.hidden = true;

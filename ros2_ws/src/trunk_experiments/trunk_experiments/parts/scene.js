@@ -1,7 +1,7 @@
 "use strict";
 // The trunks at the time that is shown, a pane for each run, and the hand that pulls one.
 const DEGREES = 180 / Math.PI;
-const FALL_S = 3; // for which the picture says that the trunk has fallen
+const FALL_S = 3; // for which the picture says that the trunk has fallen; of a whole run to its end
 const RING = 1.4; // trunk's lengths from the hip to the reference's handle
 const scene = (() => {
   const canvas = document.getElementById("scene");
@@ -70,17 +70,18 @@ const scene = (() => {
     const theta = plant.value("theta", row) * DEGREES;
     const torque = plant.value("torque", row);
     const reference = control.value("reference", told) * DEGREES;
-    const fall = events.findLast((event) => event.event === "fell" && event.t <= time && event.t > time - FALL_S);
+    const fall = events.findLast((event) => event.event === "fell" && event.t <= time && (known.recorded || event.t > time - FALL_S));
     const color = runColor(index);
     const places = paintStage(
       context, size,
       {
         path, length, left: middle - half, right: middle + half, low, high,
-        travelled: null, color, fullTorque: Number.isFinite(bound) ? bound : 100,
+        travelled: null, color, fullTorque: Number.isFinite(bound) ? bound : 100, named: known.runs.length > 1,
       },
       {
         x, theta, measured: control.value("measurement", told) * DEGREES, reference, torque,
-        pulse: null, ...(run.ended && time >= plant.last ? { fell: plant.last, ended: run.ended } : { fell: fall ? fall.t : null }),
+        pulse: known.pulses.find(({ start, end }) => start <= time && time < end)?.text ?? null,
+        ...(run.ended && time >= plant.last ? { fell: plant.last, ended: run.ended } : { fell: fall ? fall.t : null }),
       },
     );
     if (known.runs.length > 1) paintName(run, color, size, index === known.shown);

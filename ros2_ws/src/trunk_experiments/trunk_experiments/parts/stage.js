@@ -15,7 +15,7 @@ const fitCanvas = (canvas, context) => {
 };
 
 // Draw an instant. `scene`: path and its `length` of the trunk in m, `left`, `right`, `low`, `high` in m of what is
-// shown, `travelled` (from, to) in m, `color`, `fullTorque` in N m of half a turn. `now`: `x` in m; `theta`,
+// shown, `travelled` (from, to) in m, `color`, `fullTorque` in N m of half a turn, `named`: its first line is taken. `now`: `x` in m; `theta`,
 // `measured`, `reference` in degrees; `torque` in N m; `pulse`, a text, and `fell`, a time in s, or null;
 // `ended`: in place of "fell".
 // Returns where things are: `hip` and `tip` in CSS pixels, `scale` in pixels per m.
@@ -100,7 +100,7 @@ const paintStage = (context, { width, tall }, scene, now) => {
     context.fillStyle = cssColor("--ink");
     context.font = "600 14px system-ui, sans-serif";
     context.textAlign = "center";
-    context.fillText(now.pulse, width / 2, 22, width - 20);
+    context.fillText(now.pulse, width / 2, scene.named ? 42 : 22, width - 20);
   }
   if (now.fell !== null) {
     context.fillStyle = cssColor("--limit");

@@ -86,6 +86,7 @@ const known = {
   runs: [new Run()],
   shown: 0, // which of them charts, rules and gains show
   pushes: new Store(true),
+  pulses: [], // of the plan: { start, end in s, text }, as far as they are known
   streams: [], // number -> { name, columns }
   nodes: new Map(), // name -> { state, controller, parameters }
   declared: new Map(),

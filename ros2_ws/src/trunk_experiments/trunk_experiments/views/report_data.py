@@ -27,7 +27,7 @@ _EXACT_ROWS = 150_000  # more are not even tried: they do not fit
 _MOST_MARKS = 40
 _BITS = (24, 20, 16)  # of a curve's usual range; 16 are 30 times what a screen can show
 _STRETCHES = 16  # by which the size of long columns is judged
-_CHANNELS = {  # what a pulse acts on, its unit
+CHANNEL_TEXTS = {  # what a pulse acts on, its unit
     "hip_effort": ("on the hip", "N"),
     "trunk_effort": ("on the trunk", "N·m"),
     "hip_position": ("on the measured hip position", "m"),
@@ -150,7 +150,7 @@ def _fell(view: RunView) -> float | None:
 
 def pulse_text(pulse: Pulse) -> str:
     """Return the effect of a pulse as text: ``+100° on the measured angle``."""
-    where, unit = _CHANNELS[pulse.channel]
+    where, unit = CHANNEL_TEXTS[pulse.channel]
     value = degrees(pulse.magnitude) if unit == "°" else pulse.magnitude
     return f"{value:+.4g}{'' if unit == '°' else ' '}{unit} {where}"
 

@@ -39,16 +39,35 @@
     const since = reference.findLastIndex((value, k) => k > 0 && value !== reference[k - 1]);
     return since < 0 || plant.last - control.t[since] >= 1 - 1e-9;
   };
+  // As `trunk compare`: what makes the runs' tasks different, and of each number the smallest magnitude.
+  const tasks = () => {
+    const stages = [{ ...wire.setup, branch: null }, wire.setup];
+    const names = Object.keys(lab.nodes[lab.controllers[0]].parameters).filter((name) => name.startsWith("reference."));
+    const texts = (name) => lab.controllers.map((node) => JSON.stringify(stages.map((setup) => setups.parametersOf(lab, setup, node)[name])));
+    return names.filter((name) => new Set(texts(name)).size > 1).map((name) => `controller.${name}`);
+  };
+  const bestOf = (values) => {
+    const sizes = values.map((value) => Math.abs(value ?? Infinity));
+    const least = Math.min(...sizes);
+    return sizes.map((size) => sizes.length > 1 && size === least && size < Infinity);
+  };
   const cell = (row, tag, text, className) => row.appendChild(made(tag, text, className));
   const results = () => {
     const { runs } = known;
-    const lines = runs.flatMap((run, i) => doubtsOf(run, wire.engines[i]).map((text) => made("li", `${run.name} ${text}`, "bad")));
+    const doubts = runs.map((run, i) => doubtsOf(run, wire.engines[i]));
+    const lines = runs.flatMap(({ name }, i) => doubts[i].map((text) => made("li", `${name} ${text}`, "bad")));
     for (const run of runs) {
       const time = limited(run);
       if (time > 0) lines.push(made("li", `${run.name} is at its torque limit for ${showNumber(time, 3)} s`));
     }
+    const differing = tasks();
+    if (differing.length) lines.push(made("li", `NOT RANKED: the runs have different tasks: ${differing.join(", ")}`));
     at("doubts").replaceChildren(...lines);
     at("doubts").hidden = !lines.length;
+    for (const run of runs) {
+      const label = at("controllers").querySelector(`input[value="${run.name}"]`).parentElement;
+      (label.querySelector("b") ?? label.appendChild(made("b"))).textContent = run.events.length ? " fell" : "";
+    }
 
     const heading = at("numbers-of");
     heading.replaceChildren(made("th", "quantity"));
@@ -61,10 +80,13 @@
       name.append(swatch, run.name);
     });
     const rows = [];
-    const add = (title, texts, bad) => {
+    const add = (title, texts, bad, best) => {
       const row = document.createElement("tr");
       cell(row, "th", title).scope = "row";
-      texts.forEach((text, i) => cell(row, "td", text, bad?.[i] ? "num bad" : "num"));
+      texts.forEach((text, i) => {
+        const value = cell(row, "td", text, bad?.[i] ? "num bad" : best?.[i] ? "num best" : "num");
+        if (best?.[i]) value.prepend(made("span", "★", "star"), made("span", "best: ", "hidden"));
+      });
       rows.push(row);
     };
     const fell = runs.map((run) => Boolean(run.events.length));
@@ -74,15 +96,25 @@
     const measured = wire.engines.map((engine) => engine.metrics());
     const failed = measured.map(({ failure }) => Boolean(failure));
     if (failed.includes(true)) add("no numbers", measured.map(({ failure }) => failure), failed);
-    for (const [key, [label, unit]] of Object.entries(lab.quantities)) {
+    const sound = doubts.map(({ length }) => !length && !differing.length);
+    for (const [key, [label, unit, judged]] of Object.entries(lab.quantities)) {
+      const best = judged ? bestOf(measured.map(({ values }, i) => (sound[i] ? values[key] : null))) : [];
       add(`${label}, ${unit}`, measured.map(({ values }, i) => {
         const value = values[key];
         if (value === undefined || diverged[i]) return "–"; // numbers of a part say nothing of the whole
         if (value !== null) return showNumber(value, 6);
         return key.startsWith("settling") && hasLevel(runs[i]) ? "never" : "not defined";
-      }));
+      }), [], best);
     }
     at("numbers-rows").replaceChildren(...rows);
+    const longest = wire.engines.reduce((most, engine) => (engine.count > most.count ? engine : most));
+    const { pulses, words } = planned.disturbances(lab, longest);
+    known.pulses = pulses;
+    const references = runs.map(planned.reference);
+    if (new Set(references).size === 1) words.push(`Reference: ${references[0]}`);
+    else references.forEach((text, i) => words.push(`Reference of ${runs[i].name}: ${text}`));
+    if (runs.some(({ events, plant }) => events.length && plant.last > events[0].t)) words.push("There is no ground: a fallen trunk goes on and may be brought up again");
+    at("acts").textContent = `${words.join(". ")}.`;
     document.documentElement.dataset.whole = "true";
   };
 
@@ -122,6 +154,7 @@
     else if (kind === "setup") {
       delete document.documentElement.dataset.whole;
       at("save-recording").disabled = true;
+      at("saved").textContent = "";
       chips();
     } else if (kind === "whole") {
       results();
@@ -151,13 +184,21 @@
   at("reset-all").addEventListener("click", () => take(freshSetup()));
   at("save-recording").addEventListener("click", () => {
     const name = selected();
-    const bytes = recordingOf(lab, name, wire.engines[known.shown]);
+    const run = wire.engines[known.shown];
+    const bytes = recordingOf(lab, name, run);
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([bytes], { type: "application/octet-stream" }));
     link.download = setups.fileOf(lab, name, "lab");
     link.click();
     URL.revokeObjectURL(link.href);
+    const kept = ["all states", "commands", "parameters", ...[...at("chips").children].map(({ textContent }) => textContent.replace(" ✕", ""))];
+    at("saved").replaceChildren(
+      `Saved ${link.download}, ${showNumber(bytes.length / 1e6, 3)} MB: the run of ${name}, ${seconds(((run.count - 1) * lab.period_ns) / 1e9)}, `
+      + `with ${kept.join(", ")}. Next, where trunk is installed: `,
+      made("code", `trunk verify ${link.download}`),
+    );
   });
+  at("glossary").querySelector("dl").append(...Object.values(lab.quantities).flatMap(([label, unit, , meaning]) => [made("dt", `${label}, ${unit}`), made("dd", meaning)]));
   // Show a text that is copied, so that it can be read, and copied by hand.
   const offer = async (title, text) => {
     at("copying-title").textContent = title;

@@ -1,4 +1,29 @@
 "use strict";
+// What disturbs when a run starts, and what a branch makes of it, as `trunk simulate` and `trunk branch` have it.
+const disturbing = (() => {
+  const SHARED = ["update_rate", "joints"]; // with the simulator
+  // Whether any signal is not zero: the node runs only then.
+  const active = (values) => {
+    const pulses = values["pulse.start_times"].length || values["pulse.random_count"];
+    return Boolean((pulses && values["pulse.magnitude"] && values["pulse.duration"])
+      || values["sine.amplitude"] || values["noise.rms"] || values["table.values"].some(Boolean));
+  };
+  // The parameters of a node that comes with a branch, before the branch changes them.
+  const fresh = (lab) => Object.fromEntries(Object.entries(lab.declared.disturbance).map(
+    ([name, { default: usual }]) => [name, SHARED.includes(name) ? lab.nodes.disturbance.parameters[name] : usual],
+  ));
+  // null, or a run that nothing disturbs when it starts: what a branch starts from, and what it changes.
+  const late = (lab, { values, branch }) => {
+    if (!lab.nodes.disturbance) return null;
+    const first = { ...lab.nodes.disturbance.parameters, ...values.disturbance };
+    if (active(first)) return null;
+    const before = fresh(lab);
+    const after = Object.keys(branch?.values.disturbance ?? {}).length ? { ...first, ...branch.values.disturbance } : before;
+    return { before, changed: Object.fromEntries(Object.entries(after).filter(([name, value]) => JSON.stringify(value) !== JSON.stringify(before[name]))) };
+  };
+  return { late };
+})();
+
 // A run as its recording: what the nodes would have published, in the order of an offline run.
 const recordingOf = (() => {
   // A parameter is [name, kind, value].
@@ -12,24 +37,17 @@ const recordingOf = (() => {
   const valueOf = (parameters, name) => parameters.find(([known]) => known === name)[2];
   const equal = (a, b) => (Array.isArray(a) ? a.length === b.length && a.every((v, i) => v === b[i]) : a === b);
 
-  // Whether any signal is not zero: the node runs only then.
-  const disturbs = (parameters) => {
-    const value = (name) => valueOf(parameters, name);
-    const pulses = value("pulse.start_times").length || value("pulse.random_count");
-    return Boolean((pulses && value("pulse.magnitude") && value("pulse.duration"))
-      || value("sine.amplitude") || value("noise.rms") || value("table.values").some(Boolean));
-  };
-
-  // Every node's parameters at the start; without a signal there is no node that disturbs, and nobody waits for it.
-  const nodesOf = (lab, names, { values, branch }) => {
+  // Every node's parameters at the start; without a signal nobody waits for a node that disturbs: it comes with a
+  // branch that changes it, or not at all.
+  const nodesOf = (lab, names, values, late) => {
     const nodes = {};
     for (const node of names) {
       const parameters = Object.entries(lab.nodes[node].parameters).map(([name, value]) => [name, lab.declared[node][name].kind, value]);
       nodes[node] = withValues(parameters, values[node]);
     }
-    const changes = Object.keys(branch?.values.disturbance ?? {}).length;
-    if (nodes.disturbance && !changes && !disturbs(nodes.disturbance)) {
-      delete nodes.disturbance;
+    if (late) {
+      if (Object.keys(late.changed).length) nodes.disturbance = withValues(nodes.disturbance, late.before);
+      else delete nodes.disturbance;
       const waited = valueOf(nodes.simulator, "wait_for").filter((topic) => topic !== "disturbance");
       nodes.simulator = withValues(nodes.simulator, { wait_for: waited });
     }
@@ -51,9 +69,12 @@ const recordingOf = (() => {
     const { count, width, table, setup } = run;
     if (!run.ended && count < lab.states) throw new Error(`the run has not ended: ${count} of ${lab.states} states are computed`);
     const plan = recording.runs[name];
-    const nodes = nodesOf(lab, plan.nodes, setup);
-    const reached = setup.branch && setup.branch.at_ns < count * period;
-    const changes = reached ? changesOf(nodes, setup.branch, period) : [];
+    const branch = setup.branch && setup.branch.at_ns < count * period ? setup.branch : null;
+    const late = disturbing.late(lab, { values: setup.values, branch });
+    const nodes = nodesOf(lab, plan.nodes, setup.values, late);
+    const values = late && branch ? { ...branch.values, disturbance: late.changed } : branch?.values;
+    const changes = branch ? changesOf(nodes, { ...branch, values }, period) : [];
+    const disturbedFrom = late && branch ? Math.ceil(branch.at_ns / period) : 0;
     const pushes = [...setup.pushes];
     const writer = new RecordingWriter(recording);
     let last = -1; // the last state's stamp, ns
@@ -94,8 +115,8 @@ const recordingOf = (() => {
         const first = row * width;
         outside(row, ns);
         truth(ns, first);
-        if (nodes.disturbance) {
-          if (!row) disturbance(ns, first);
+        if (nodes.disturbance && row >= disturbedFrom) {
+          if (row === disturbedFrom) disturbance(ns, first);
           if (row + 1 < count) disturbance(ns + period, first + width);
           else disturbance(ns + period, 0, new Uint32Array(ahead.buffer));
         }

@@ -106,7 +106,9 @@ const setups = (() => {
       ];
     }
     const lines = [line([...lab.commands[name], ...settings(lab, setup.values, nodes), "-o", file])];
-    const changes = setup.branch ? settings({ ...lab, nodes: Object.fromEntries(nodes.map((node) => [node, { ...lab.nodes[node], parameters: parametersOf(lab, { ...setup, branch: null }, node) }])) }, setup.branch.values, nodes) : [];
+    const before = Object.fromEntries(nodes.map((node) => [node, { ...lab.nodes[node], parameters: parametersOf(lab, { ...setup, branch: null }, node) }]));
+    const late = disturbing.late(lab, setup);
+    const changes = setup.branch ? settings({ ...lab, nodes: before }, { ...setup.branch.values, ...(late && { disturbance: late.changed }) }, nodes) : [];
     if (changes.length) lines.push(line(["trunk", "branch", file, "--at", String(setup.branch.at_ns / 1e9), ...changes, "-o", fileOf(lab, name, "branch")]));
     return lines;
   };
