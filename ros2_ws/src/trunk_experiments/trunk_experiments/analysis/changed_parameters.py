@@ -37,7 +37,7 @@ class ChangedParameter(NamedTuple):
 
 
 def changed_parameters(run: RecordedRun) -> list[ChangedParameter]:
-    """Return what was changed while a run went on, by time; at one time in the order of the file."""
+    """Return the changes while a run went on, by time; at one time in the order of the file."""
     values: dict[str, dict[str, Value]] = {}
     changes = []
     for change in run.recording.parameter_messages():

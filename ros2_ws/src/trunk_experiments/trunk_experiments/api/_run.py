@@ -102,7 +102,7 @@ class Run:
         """Every node's parameters at the start, in SI units and radians."""
         return keyed(self._recorded.parameters)
 
-    @cached_property
+    @property
     def changed(self) -> tuple[ChangedParameter, ...]:
         """The parameters that were changed while the run went on, by time."""
         from ..analysis.changed_parameters import changed_parameters

@@ -291,7 +291,7 @@ def _parameters(a: RecordedRun, b: RecordedRun) -> list[str]:
 
 
 def _changed(a: RecordedRun, b: RecordedRun) -> list[str]:
-    """Return what was changed while one of the runs went on and not, or at another time, in the other."""
+    """Return the changes while one of the runs went on that the other has not, or at another time."""
     here, there = ([change.describe() for change in changed_parameters(run)] for run in (a, b))
     return [
         f"{line}, in {letter} alone"
