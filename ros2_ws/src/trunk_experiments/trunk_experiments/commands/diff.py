@@ -65,6 +65,8 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
 def _is_sweep(path: Path) -> bool:
     """Return True for a Parquet file, whatever its name."""
     try:
+        if not path.is_file():  # reading a pipe would block
+            return False
         with path.open("rb") as file:
             return file.read(4) == b"PAR1"
     except OSError:  # reported by who reads it

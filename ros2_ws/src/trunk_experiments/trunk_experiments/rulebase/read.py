@@ -40,6 +40,8 @@ def read_fll(path: Path) -> str:
 
 
 def _text(path: Path) -> str:
+    if path.exists() and not path.is_file():  # reading a pipe would block
+        raise RuleFileError(f"{path}: not a regular file: give a file of rules")
     with path.open("rb") as file:
         data = file.read(LARGEST + 1)
     if len(data) > LARGEST:

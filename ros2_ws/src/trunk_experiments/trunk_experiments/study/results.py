@@ -41,8 +41,9 @@ class Results:
         """Return the results in a Parquet file. Raises StudyError if it is not a sweep's."""
         if not path.exists():
             raise StudyError(f"{path}: there is no such file")
-        if path.is_dir():  # pyarrow would read whatever is below it
-            raise StudyError(f"{path}: a folder: give a Parquet file of trunk sweep")
+        if not path.is_file():  # pyarrow would read whatever is below a folder, and wait for a pipe
+            kind = "a folder" if path.is_dir() else "not a regular file"
+            raise StudyError(f"{path}: {kind}: give a Parquet file of trunk sweep")
         try:
             table = pq.read_table(path)
         except (pa.ArrowInvalid, pa.ArrowTypeError, OSError) as error:
