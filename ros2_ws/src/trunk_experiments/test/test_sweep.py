@@ -146,7 +146,7 @@ main()
 
 @pytest.mark.slow
 def test_sigkill_loses_no_finished_block(tmp_path):
-    text = STUDY.replace("duration: 3.0", "duration: 1.0")
+    text = STUDY.replace("duration: 3.0", "duration: 1.0").replace("[pid, fuzzy_pid]", "[pid]")
     file = tmp_path / "study.yaml"
     file.write_text(text.replace("block: 7", "block: 3"))
     output = tmp_path / "out.parquet"
