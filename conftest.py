@@ -70,6 +70,28 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture
+def new_page(browser: Any) -> Iterator[Callable[..., Any]]:
+    """Yield a function that opens an empty page, with options of a context; nothing may go wrong in it."""
+    contexts: list[Any] = []
+    complaints: list[str] = []
+
+    def new(**options: Any) -> Any:
+        context = browser.new_context(**options)
+        contexts.append(context)
+        context.set_default_timeout(0)  # pytest has one
+        page = context.new_page()
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
+        return page
+
+    yield new
+    for context in contexts:
+        context.close()
+    assert complaints == []
+
+
+@pytest.fixture
 def trunk(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Callable[..., tuple[int, str, str]]:

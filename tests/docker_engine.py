@@ -10,6 +10,8 @@ import signal
 import subprocess
 from pathlib import Path
 
+from .finished import finished
+
 ROOT = Path(__file__).parents[1]
 DOCKER = ROOT / "docker"
 
@@ -49,10 +51,8 @@ class CleanRoot:
         self.user, self.workdir, self.set = "root", "/", {}
         self.recordings = folder / "recordings"
         sources = (
-            subprocess.run(
+            finished(
                 ["apt-get", "indextargets", "--format", "$(REPO_URI)", f"Codename: {suite}"],
-                capture_output=True,
-                text=True,
                 check=True,
             ).stdout.split()
         )  # the mirror of this machine; debootstrap's own where it has no such Debian
@@ -116,7 +116,7 @@ class CleanRoot:
 
     def run(self, *command, user=""):
         inside = self.argv(*json.loads(last("slim", "ENTRYPOINT")), *command, user=user)
-        return subprocess.run(inside, capture_output=True, text=True, check=False)
+        return finished(inside)
 
     def start(self, *command):
         return subprocess.Popen(self.argv(*json.loads(last("slim", "ENTRYPOINT")), *command))
@@ -166,7 +166,7 @@ class Engine:
     def run(self, *command, user=""):
         options = (*self.LEAST, *(("--user", user) if user else ()))
         inside = self.argv(*command, options=options)
-        return subprocess.run(inside, capture_output=True, text=True, check=False)
+        return finished(inside)
 
     def start(self, *command, options=()):
         return subprocess.Popen(
@@ -182,4 +182,4 @@ class Engine:
 
 
 def docker(*words):
-    return subprocess.run(["docker", *words], capture_output=True, text=True, check=False)
+    return finished(["docker", *words])

@@ -16,6 +16,8 @@ from trunk_experiments.api import plan, simulate
 from trunk_experiments.cli import OVERVIEW
 from trunk_experiments.runs.processes import find_executable
 
+from .finished import finished
+
 pytestmark = pytest.mark.slow
 
 
@@ -49,14 +51,11 @@ def run(arguments: Arguments, closed: set[int], unread: set[int], cwd: Path) -> 
             os.close(number)
 
     writing = _abandoned()
-    done = subprocess.run(
+    done = finished(
         [find_executable("trunk_experiments", "trunk"), *map(str, arguments)],
         stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
         cwd=cwd,
         preexec_fn=prepare,
-        check=False,
     )
     os.close(writing)
     return done.returncode, done.stdout + done.stderr
@@ -122,8 +121,6 @@ sys.argv = ["trunk", "verify", "base.mcap"]
 from trunk_experiments.executables import trunk
 trunk()
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False
-    )
+    done = finished([sys.executable, "-c", code], cwd=folder)
     assert done.returncode == 70
     assert done.stderr.splitlines()[-1] == "KeyError: 'a defect'"

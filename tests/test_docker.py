@@ -11,7 +11,6 @@ import os
 import re
 import shutil
 import socket
-import subprocess
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -23,6 +22,7 @@ from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan
 
 from .docker_engine import DOCKER, ROOT, STAGES, TARGETS, CleanRoot, Engine, docker, last, steps_of
+from .finished import finished
 from .graph.processes import until
 
 COMPOSE = yaml.safe_load((DOCKER / "compose.yaml").read_text(encoding="utf-8"))
@@ -215,7 +215,7 @@ class TestSlim:
         assert build == "docker/build.sh slim"
         for command in (folder, *commands):
             shell = ["bash", "-euc", command]
-            done = subprocess.run(shell, cwd=tmp_path, capture_output=True, text=True, check=False)
+            done = finished(shell, cwd=tmp_path)
             assert done.returncode == 0, done.stdout + done.stderr
         assert (tmp_path / "runs/fig8/run.mcap").stat().st_uid == os.getuid()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 
@@ -10,6 +9,8 @@ import pytest
 
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.recording.reader import Recording
+
+from .finished import finished
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SHORT = """/**:
@@ -23,7 +24,7 @@ def train(tmp_path):
 
     def run(*words, script="train_linear_policy.py"):
         command = [sys.executable, EXAMPLES / script, "--scenario", "short.yaml", *words]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        return finished(command, cwd=tmp_path)
 
     return run
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
+
+from .finished import finished
 
 ROOT = Path(__file__).parents[1]
 # Their commands are typed in the reader's own folder.
@@ -43,7 +44,5 @@ def made():
 def test_it_is_ignored():
     names = made()
     assert {"mine", "mine.pub", "fig8.mcap", "fig8.mcap.sig", "lqr.yaml"} <= set(names)
-    done = subprocess.run(
-        ["git", "check-ignore", "--", *names], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    done = finished(["git", "check-ignore", "--", *names], cwd=ROOT)
     assert set(names) - set(done.stdout.split()) == set()

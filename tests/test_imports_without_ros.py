@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from .finished import finished
+
 SOURCES = Path(__file__).parents[1] / "ros2_ws" / "src"
 PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 SHELLS = ("*_node.py", "*/node/*.py", "observer_node.py")
@@ -49,12 +51,7 @@ PURE = [
 
 def import_blocked(*modules: str) -> subprocess.CompletedProcess[str]:
     paths = ":".join(str(SOURCES / package) for package in PACKAGES)
-    return subprocess.run(
-        [sys.executable, "-c", BLOCKED, paths, *modules],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return finished([sys.executable, "-c", BLOCKED, paths, *modules])
 
 
 @pytest.mark.one_in(4)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +11,8 @@ import pytest
 
 import trunk_experiments.api as trunk
 from trunk_experiments.api._reference import reference
+
+from .finished import finished
 
 PAGE = Path(__file__).parents[1] / "docs" / "api.md"
 BLOCKS = re.findall(
@@ -123,12 +124,9 @@ def test_a_strict_type_checker_sees_the_types_of_a_users_script(tmp_path):
     """With nothing but what `source scripts/env.sh` sets: the packages bring their types (py.typed)."""
     script = tmp_path / "script.py"
     script.write_text(f"{SCRIPT}\nreveal_type(run.theta)\nreveal_type(results.compare())\n{MISUSE}")
-    done = subprocess.run(
+    done = finished(
         [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(tmp_path), script.name],
         cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
     )
     lines = done.stdout.splitlines()
     revealed = [line for line in lines if "Revealed type" in line]

@@ -1,46 +1,52 @@
-"""docs/parameters.md: the CSV files and commands in it work word for word."""
+"""docs/parameters.md: the files and commands in two of its sections work word for word."""
 
 from __future__ import annotations
 
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
 
+from trunk_control.rule_tables import Axes
 from trunk_experiments.plans.plan import make_plan
 from trunk_msgs_util.parameters.files import ParameterFileError
 
+from .finished import finished
+
 PAGE = (Path(__file__).parents[1] / "docs" / "parameters.md").read_text(encoding="utf-8")
-(SECTION,) = re.findall(
-    r"## A reference and a disturbance of your own.*?(?=\n## )", PAGE, re.DOTALL
+SERIES, RULES = (
+    "".join(re.findall(rf"## {title}.*?(?=\n## )", PAGE, re.DOTALL))
+    for title in ("A reference and a disturbance of your own", "Rule tables")
 )
 
 
-def block(language: str) -> str:
-    (found,) = re.findall(rf"```{language}\n(.*?)```", SECTION, re.DOTALL)
-    return found
+def block(section: str, language: str) -> str:
+    (text,) = re.findall(rf"```{language}\n(.*?)```", section, re.DOTALL)
+    return text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("section", "says"),
+    [(SERIES, "lean.mcap: verified"), (RULES, "cell_surface.png: 1 run")],
+    ids=["series", "rules"],
+)
+def test_the_commands_work(section, says, tmp_path):
+    done = finished(["bash", "-euc", block(section, "bash")], cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert says in done.stdout
 
 
 @pytest.fixture
 def files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name, text in re.findall(r"cat > (\S+) <<'END'\n(.*?)END\n", block("bash"), re.DOTALL):
+    written = re.findall(r"cat > (\S+) <<'END'\n(.*?)END\n", block(SERIES, "bash"), re.DOTALL)
+    for name, text in (*written, ("mine.yaml", block(SERIES, "yaml"))):
         Path(name).write_text(text)
-    Path("mine.yaml").write_text(block("yaml"))
-    return tmp_path
 
 
-@pytest.mark.slow
-def test_the_commands_make_a_verified_run(tmp_path):
-    done = subprocess.run(
-        ["bash", "-euc", block("bash")], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert "lean.mcap: verified" in done.stdout
-
-
-def test_the_parameter_file_is_accepted(files):
+@pytest.mark.usefixtures("files")
+def test_the_parameter_file_is_accepted():
     plan = make_plan("demo", "pid", ["mine.yaml"])
     assert plan.controller.reference_profile == "sequence"
     assert plan.disturbance.table_times == (4.0, 4.1, 4.3)
@@ -48,10 +54,20 @@ def test_the_parameter_file_is_accepted(files):
     assert plan.warnings == ()
 
 
-def test_the_mistake_reads_as_printed(files):
+@pytest.mark.usefixtures("files")
+def test_the_mistake_reads_as_printed():
     Path("lean.csv").write_text(Path("lean.csv").read_text().replace("\n3,20", "\n3,0\n2.5,20"))
-    (printed,) = re.findall(r"    trunk: error: (.*)", SECTION)
+    (printed,) = re.findall(r"    trunk: error: (.*)", SERIES)
     settings = ["pid.reference.profile=file", "pid.reference.file=lean.csv"]
     with pytest.raises(ParameterFileError) as caught:
         make_plan("demo", "pid", settings=settings)
     assert str(caught.value) == printed
+
+
+def test_the_rule_base_is_accepted(tmp_path):
+    path = tmp_path / "rules.yaml"
+    path.write_text(block(RULES, "yaml"))
+    config = make_plan("demo", "fuzzy", [str(path)]).controller
+    assert config.axes == Axes(("NB", "NS", "ZO", "PS", "PB"), ("N", "ZO", "P"))
+    assert config.inference(0.0, 0.0) == (0.0,)
+    assert config.inference(9.0, 9.0) == (1.0,)

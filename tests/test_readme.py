@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ from trunk_experiments.analysis.metrics import QUANTITIES
 from trunk_experiments.readme import refreshed
 from trunk_experiments.templates import controller_package
 
+from .finished import finished
 from .graph.conftest import domain, domains
 
 __all__ = ["domain", "domains"]
@@ -108,13 +108,7 @@ def test_the_examples_run_as_printed(tmp_path, domain):
     python = (
         f"cat > example.py <<'END'\n{block('python')}END\npython example.py\npython example.py\n"
     )
-    done = subprocess.run(
-        ["bash", "-ec", block("bash") + python],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = finished(["bash", "-ec", block("bash") + python], cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "identical: 10006 messages, bit for bit" in done.stdout
     assert "fuzzy.mcap: verified" in done.stdout

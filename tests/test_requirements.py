@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import subprocess
 import sys
 import zipfile
 from pathlib import Path
@@ -13,6 +12,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+
+from .finished import finished
 
 ROOT = Path(__file__).parents[1]
 LOCKS = sorted((ROOT / "requirements").glob("*.txt"))
@@ -89,7 +90,7 @@ def test_only_install_sh_calls_pip_install():
 def test_beside_ros_from_apt_numpy_is_left_out_with_all_its_hashes():
     program = re.search(r"sed '(/\^numpy==.*?)'", (ROOT / "scripts/bootstrap.sh").read_text())[1]
     lock = ROOT / "requirements" / "runtime.txt"
-    left = subprocess.run(["sed", program, lock], capture_output=True, text=True, check=True).stdout
+    left = finished(["sed", program, lock], check=True).stdout
     text = lock.read_text(encoding="utf-8")
     assert entries(left) == [line for line in entries(text) if not line.startswith("numpy==")]
     assert len(entries(left)) == len(entries(text)) - 1
@@ -121,13 +122,10 @@ def install(wheel, requirement):
     (folder / "some.txt").write_text(f"{requirement}\n")
     kept = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}
     here = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(wheel.parent), "PIP_CONFIG_FILE": os.devnull}
-    done = subprocess.run(
+    done = finished(
         ["bash", INSTALL, sys.executable, "some.txt", "log", "--target", "target"],
         cwd=folder,
         env=kept | here,
-        capture_output=True,
-        text=True,
-        check=False,
     )
     return done.returncode, (done.stdout + done.stderr).splitlines(), folder / "target"
 

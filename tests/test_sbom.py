@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from contextlib import redirect_stderr, redirect_stdout
+from functools import cache
 from importlib import metadata
 from io import StringIO
 from pathlib import Path
@@ -24,7 +25,8 @@ pytestmark = [
 ]
 
 
-def environment():
+@cache
+def described():
     """Return what cyclonedx-py says of this environment, as far as it is needed."""
     components = [
         {
@@ -37,13 +39,19 @@ def environment():
         for one in metadata.distributions()
     ]
     refs = [one["bom-ref"] for one in components]
-    return {
-        "bomFormat": "CycloneDX",
-        "specVersion": "1.6",
-        "metadata": {},
-        "components": components,
-        "dependencies": [{"ref": ref, "dependsOn": refs} for ref in refs],
-    }
+    return json.dumps(
+        {
+            "bomFormat": "CycloneDX",
+            "specVersion": "1.6",
+            "metadata": {},
+            "components": components,
+            "dependencies": [{"ref": ref, "dependsOn": refs} for ref in refs],
+        }
+    )
+
+
+def environment():
+    return json.loads(described())
 
 
 def make(folder, of):

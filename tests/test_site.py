@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
+
+from .finished import finished
 
 ROOT = Path(__file__).parents[1]
 RESOURCE = re.compile(r"<(?:script|link|img|iframe|source)\b[^>]*?\b(?:src|href)=\"?([^\"\s>]+)")
@@ -29,12 +30,8 @@ def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("built") / "site"
     labs = tmp_path_factory.mktemp("labs")
     (labs / "fig6.html").write_text(LAB)
-    done = subprocess.run(
-        ["bash", ROOT / "scripts" / "docs.sh", folder],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "TRUNK_LABS": str(labs)},
+    done = finished(
+        ["bash", ROOT / "scripts" / "docs.sh", folder], env={**os.environ, "TRUNK_LABS": str(labs)}
     )
     if done.returncode == 2:
         pytest.skip("the site of docs/: scripts/docs.sh installs MkDocs from the network")
@@ -95,13 +92,7 @@ def test_broken_links_are_refused(site, tmp_path):
     page = "# Start\n\n" + "\n\n".join(BROKEN)
     (tmp_path / "docs" / "index.md").write_text(page, encoding="utf-8")
     python = ROOT / ".venv" / ".docs" / "bin" / "python"
-    done = subprocess.run(
-        [python, "-I", "-m", "mkdocs", "build", "--strict"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = finished([python, "-I", "-m", "mkdocs", "build", "--strict"], cwd=tmp_path)
     assert done.returncode == 1
     for text in BROKEN.values():
         assert text in done.stderr, done.stderr

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
+
+from .finished import finished
 
 ROOT = Path(__file__).parents[1]
 
@@ -24,9 +25,7 @@ ROOT = Path(__file__).parents[1]
     ],
 )
 def test_a_verb_that_it_lacks_names_what_does_the_same(words: str, instead: str) -> None:
-    done = subprocess.run(
-        [ROOT / "scripts/standin/ros2", *words.split()], capture_output=True, text=True, check=False
-    )
+    done = finished([ROOT / "scripts/standin/ros2", *words.split()])
     shown = f": {instead} does it" if instead else ""
     assert done.returncode == 2
     assert done.stderr.startswith(
@@ -37,8 +36,6 @@ def test_a_verb_that_it_lacks_names_what_does_the_same(words: str, instead: str)
 def test_help_of_run_needs_no_set_up(tmp_path: Path) -> None:
     (tmp_path / "scripts").mkdir()
     shutil.copy(ROOT / "scripts/run.sh", tmp_path / "scripts")
-    done = subprocess.run(
-        ["bash", tmp_path / "scripts/run.sh", "--help"], capture_output=True, text=True, check=False
-    )
+    done = finished(["bash", tmp_path / "scripts/run.sh", "--help"])
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("usage: scripts/run.sh SCENARIO --controller NAME")

@@ -102,12 +102,17 @@ def test_a_controller_that_is_activated_during_the_run_begins_inactive(tmp_path)
     assert [part.steps for part in verdict.checks[:2]] == [200, 201]
 
 
-@pytest.mark.slow
-def test_commands_of_two_publishers_may_be_in_any_order(tmp_path):
-    path = tmp_path / "swapped.mcap"
+@pytest.fixture(scope="module")
+def swapped(tmp_path_factory):
+    """Return the recording of a run in which another controller takes over at 0.5 s."""
+    path = tmp_path_factory.mktemp("turns") / "swapped.mcap"
     swaps = [parse_swap("0.5:fuzzy_pid")]
     record_offline(make_plan("fig8", "pid", everywhere={"duration": 1.0}, swaps=swaps), path)
+    return path
 
+
+@pytest.mark.slow
+def test_commands_of_two_publishers_may_be_in_any_order(swapped, tmp_path):
     def late(messages):
         """Put the first controller's last command after many of the other's."""
         commands = [i for i, message in enumerate(messages) if message[0] == "/effort_command"]
@@ -115,25 +120,20 @@ def test_commands_of_two_publishers_may_be_in_any_order(tmp_path):
         for number, message in enumerate(m for m in messages if m[0] == "/effort_command"):
             message[4] = number
 
-    edited = copied(path, tmp_path / "edited.mcap", late, digests=ANEW)
+    edited = copied(swapped, tmp_path / "edited.mcap", late, digests=ANEW)
     verdict = verify(edited)
     assert not any(part.wrong_steps for part in verdict.checks), verdict
     # One writer would have kept them in order.
     assert all("effort_command" in line for line in verdict.contradictions)
-    assert diff(RecordedRun.open(path), RecordedRun(edited)).identical
+    assert diff(RecordedRun.open(swapped), RecordedRun(edited)).identical
     assert explain(RecordedRun(edited), 0.4995).controller == "pid"
 
 
-def test_a_command_given_out_of_turn_is_found(tmp_path):
-    path = tmp_path / "swapped.mcap"
-    swaps = [parse_swap("0.5:fuzzy_pid")]
-    record_offline(make_plan("fig8", "pid", everywhere={"duration": 1.0}, swaps=swaps), path)
-
+def test_a_command_given_out_of_turn_is_found(swapped, tmp_path):
     def no_turns(messages):
-        kept = [m for m in messages if m[0] != EVENTS or b"activated" not in m[2]]
-        messages[:] = kept
+        messages[:] = [m for m in messages if m[0] != EVENTS or b"activated" not in m[2]]
 
-    verdict = verify(copied(path, tmp_path / "edited.mcap", no_turns, digests=NONE))
+    verdict = verify(copied(swapped, tmp_path / "edited.mcap", no_turns, digests=NONE))
     assert verdict.exit_code == DIVERGES
     assert verdict.contradictions[-2:] == [
         "run/events: pid was to become inactive at t = 0.5 s, and no event says that it did",

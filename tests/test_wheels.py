@@ -21,6 +21,8 @@ from packaging.utils import canonicalize_name
 from trunk_experiments.errors import RunError
 from trunk_experiments.runs.domain_claim import claimed_domain
 
+from .finished import finished
+
 ROOT = Path(__file__).parents[1]
 DOMAIN = str(101 + os.getpid() % 132)  # none that a test with nodes is in
 PACKAGES = sorted(path.parent for path in ROOT.glob("ros2_ws/src/*/package.xml"))
@@ -42,7 +44,7 @@ sys.meta_path.insert(0, WithoutRos())
 
 def project_version() -> str:
     script = ["bash", ROOT / "scripts" / "version.sh"]
-    return subprocess.run(script, capture_output=True, text=True, check=True).stdout.strip()
+    return finished(script, check=True).stdout.strip()
 
 
 def test_one_version_everywhere():
@@ -89,9 +91,7 @@ def trunk(wheels, tmp_path_factory):
         clean = {"PATH": os.defpath, "HOME": str(folder), "MPLBACKEND": "agg"}
         clean["ROS_DOMAIN_ID"] = DOMAIN
         command = [python.with_name("trunk"), *words]
-        return subprocess.run(
-            command, cwd=folder, env=clean, capture_output=True, text=True, check=False
-        )
+        return finished(command, cwd=folder, env=clean)
 
     return run
 

@@ -6,7 +6,6 @@ import platform
 import random
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -27,6 +26,7 @@ from trunk_experiments.export_c.files import base_files
 from trunk_experiments.export_c.source import fill_from_bytes
 from trunk_experiments.plans.nodes import CONTROLLERS
 
+from ..finished import finished
 from .loops import differs, plans_of_one_loop
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -156,7 +156,7 @@ def outcome(environment: Environment, folder: Path, name: str) -> str:
         "-o",
         str(program),
     ]
-    built = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    built = finished(words, cwd=folder)
     if built.returncode:
         return f"not built: {' '.join(built.stderr.split())[:300]}"
     states = f"{name}.states"
@@ -167,7 +167,7 @@ def outcome(environment: Environment, folder: Path, name: str) -> str:
         command = [*environment.runner, "-semihosting-config", arguments, "-kernel", str(program)]
     else:
         command = [*environment.runner, str(program), states]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    done = finished(command, cwd=folder)
     return " ".join(done.stdout.split())
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
@@ -28,6 +27,8 @@ from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.runs.loop_inputs import check_compilable, states_of
 from trunk_experiments.runs.schedule import Schedule
 
+from ..finished import finished
+
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 
 
@@ -49,7 +50,7 @@ def table_in_c(plan: RunPlan, folder: Path) -> tuple[Any, bool]:
     source.write_text(program.text)
     compiler = shutil.which("gcc") or shutil.which("clang") or "cc"
     words = [compiler, *STRICT, "-O2", "-shared", "-fPIC", str(source), "-o", str(library)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    done = finished(words)
     assert done.returncode == 0, done.stderr
     code = ctypes.CDLL(str(library))
     places: dict[str, Any] = {}

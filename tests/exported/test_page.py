@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
+
+from ..finished import finished
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "export_c.md").read_text()
@@ -17,7 +18,7 @@ BLOCKS = re.findall(r"```sh\n(.*?)```", PAGE, re.S)
 
 def run(block, folder):
     words = ["bash", "-euo", "pipefail", "-c", block]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    done = finished(words, cwd=folder)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

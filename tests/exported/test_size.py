@@ -14,6 +14,8 @@ from trunk_experiments.export_c.controller import ExportedController
 from trunk_experiments.export_c.source import header, source
 from trunk_experiments.plans.nodes import CONTROLLERS
 
+from ..finished import finished
+
 pytestmark = pytest.mark.skipif(
     shutil.which("arm-none-eabi-gcc") is None, reason="no Arm tools: scripts/arm_tools.sh"
 )
@@ -43,7 +45,7 @@ def test_small_enough_for_a_cortex_m4(name, tmp_path):
     flags = "-std=c99 -Os -mcpu=cortex-m4 -mthumb -ffreestanding -fcallgraph-info=su -c"
     subprocess.run(["arm-none-eabi-gcc", *flags.split(), f"{name}.c"], cwd=tmp_path, check=True)
     words = ["arm-none-eabi-size", f"{name}.o"]
-    out = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True)
+    out = finished(words, cwd=tmp_path, check=True)
     text, data = map(int, out.stdout.splitlines()[1].split()[:2])
     graph = (tmp_path / f"{name}.ci").read_text()
     stack = deepest(graph, f"{name}_update")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,6 +18,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import event, parameter_event
 
 from ..edited import Content, content, copied
+from ..finished import finished
 from ..tampering.kit import copy_of
 from . import caught, verdicts
 from .caught import Caught
@@ -69,9 +69,7 @@ def test_runs_in_lockstep_are_as_they_were(names: list[str]) -> None:
     command = [sys.executable, "-m", "tests.frozen.check", "compare", "runs"]
     command += [f"--run={name}" for name in names]
     environment = {**os.environ, "PYTHONHASHSEED": "0"}
-    done = subprocess.run(
-        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
-    )
+    done = finished(command, cwd=ROOT, env=environment)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout == f"{len(names)} runs, 0 differ\n"
 

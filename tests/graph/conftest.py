@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import rclpy
+from rclpy.signals import SignalHandlerOptions
 
 from trunk_msgs_util.node import middleware
 
@@ -90,6 +93,23 @@ def peer(domain: int) -> Iterator[Peer]:
     listener = Peer()
     yield listener
     listener.close()
+
+
+@pytest.fixture
+def arguments(domain: int) -> Iterator[Callable[..., None]]:
+    """Yield a function that starts ROS 2 in this process, with parameters for the nodes that it makes."""
+
+    def begin(*parameters: str) -> None:
+        given = [word for parameter in parameters for word in ("-p", parameter)]
+        rclpy.init(
+            args=["--ros-args", "--log-level", "fatal", *given],
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+
+    yield begin
+    rclpy.try_shutdown()
+    # A node with replaced methods is a reference cycle: until it is collected, others see it in the graph.
+    gc.collect()
 
 
 @pytest.fixture

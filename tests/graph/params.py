@@ -29,6 +29,21 @@ def params(children: Children, verb: str) -> Verb:
     return run
 
 
+def line_without(verb: Verb, node: str, *arguments: object) -> str:
+    """Return the line about a node that is not there, where others are.
+
+    It may find no node at all if one was held up for as long as it waits: then it waits twice as long.
+    """
+    limit_s = 3
+    while True:
+        code, said, (line,) = verb(node, *arguments, "--timeout", limit_s)
+        assert (code, said) == (1, [])
+        assert f"within {limit_s} s" in line
+        if "none in this ROS domain" not in line:
+            return line
+        limit_s *= 2
+
+
 def values(peer: Peer, node: str, *names: str) -> list[object]:
     """Return a node's parameters of these names."""
     response = peer.call(GetParameters, f"/{node.lstrip('/')}/get_parameters", names=names)

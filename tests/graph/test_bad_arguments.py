@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from ..finished import finished
 
 # `trunk run` is among the verbs: in this folder each test has its own ROS domain.
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
@@ -14,9 +15,7 @@ pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 def test_bad_arguments_lose_nothing_and_get_one_line() -> None:
     command = [sys.executable, "-m", "tests.bad_arguments.check", "--every", "397"]
-    run = subprocess.run(
-        command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False
-    )
+    run = finished(command, cwd=Path(__file__).parents[2])
     assert run.returncode == 0, run.stdout + run.stderr
     cases = run.stdout.splitlines()[-1]
     assert cases.endswith(", 0 wrong")

@@ -120,10 +120,10 @@ def test_a_second_simulator_is_not_held_against_the_run(
 ) -> None:
     """It is refused, and the run goes on."""
     run = children.trunk(
-        *("run", "fig8", "--lockstep", "--speed", 1, "--duration", 10, "--output", "run")
+        *("run", "demo", "--lockstep", "--speed", 1, "--duration", 10, "--output", "run")
     )
     peer.until_started(run)
-    second = children.node("simulator", "lockstep.enabled:=true", "update_rate:=1000.0")
+    second = children.node("simulator", "lockstep.enabled:=true", "update_rate:=200.0")
     assert second.wait() == 1, second.stderr
     assert run.wait() == 0, run.stderr
     verdict = verify(Recording.open(tmp_path / "run" / "run.mcap"))

@@ -5,20 +5,16 @@ The tests call the callbacks of nodes in this process.
 
 from __future__ import annotations
 
-import gc
 import itertools
 import time
-from collections.abc import Iterator
 from math import inf
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
@@ -35,21 +31,6 @@ from trunk_sim.step import PlantStatus
 pytestmark = pytest.mark.graph
 
 MODES = pytest.mark.parametrize("lockstep", ["true", "false"])
-
-
-@pytest.fixture
-def arguments() -> Iterator[Any]:
-    def begin(*parameters: str) -> None:
-        given = [word for parameter in parameters for word in ("-p", parameter)]
-        rclpy.init(
-            args=["--ros-args", "--log-level", "fatal", *given],
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-
-    yield begin
-    rclpy.try_shutdown()
-    # A node with replaced methods is a reference cycle: until it is collected, others see it in the graph.
-    gc.collect()
 
 
 def started(events: list[str]) -> SimulatorNode:

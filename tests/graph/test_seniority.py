@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 import rclpy
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
@@ -31,19 +30,6 @@ from .processes import until
 pytestmark = pytest.mark.graph
 
 ELSEWHERE = "another-boot.1.2"
-
-
-@pytest.fixture
-def arguments(domain: int) -> Iterator[Any]:
-    def begin(*parameters: str) -> None:
-        given = [word for parameter in parameters for word in ("-p", parameter)]
-        rclpy.init(
-            args=["--ros-args", "--log-level", "fatal", *given],
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-
-    yield begin
-    rclpy.try_shutdown()
 
 
 @pytest.fixture

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import signal
 import struct
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from ..finished import finished
 from ..graph.processes import Child, Children, until
 from .corpus import unpacked
 from .fuzz import readers
@@ -21,13 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.mark.slow
 def test_hostile_files_end_in_one_line_within_the_limits():
     # In a separate process: it forks, which a process with threads must not do.
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.hostile.check", "--selection"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = finished([sys.executable, "-m", "tests.hostile.check", "--selection"], cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "0 tracebacks, 0 time-outs" in done.stdout
 

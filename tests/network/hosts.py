@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ..finished import finished
 from ..graph.processes import Children
 
 _PREFIX = f"trunk-test-{os.getpid()}"
@@ -20,7 +21,7 @@ _INTERFACE = "eth0"
 def ip(*arguments: object) -> str:
     """Run iproute2's ``ip`` and return what it says; a failure raises CalledProcessError."""
     command = ["ip", *(str(part) for part in arguments)]
-    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return finished(command, check=True).stdout
 
 
 def why_not() -> str | None:

@@ -16,6 +16,7 @@ from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.recording.reader import Recording
 
+from ..finished import finished
 from . import cores, vectors
 
 ROOT = Path(__file__).parents[2]
@@ -27,9 +28,7 @@ COUNT = 10_000  # arguments for each function
 @pytest.mark.slow
 def test_the_cores_without_fma():
     program = [sys.executable, "-m", "tests.portable.cores", "4000"]
-    found = subprocess.run(
-        program, cwd=ROOT, env=os.environ | WITHOUT_FMA, capture_output=True, text=True, check=True
-    )
+    found = finished(program, cwd=ROOT, env=os.environ | WITHOUT_FMA, check=True)
     assert json.loads(found.stdout) == cores.fingerprints(4000)
 
 
@@ -54,9 +53,7 @@ def folder(tmp_path_factory):
 
 def said(folder, *command):
     with (folder / "vectors.txt").open() as file:
-        return subprocess.run(
-            command, cwd=folder, stdin=file, capture_output=True, text=True, check=False
-        ).stdout.strip()
+        return finished(command, cwd=folder, stdin=file).stdout.strip()
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="Node.js: for the same bits in JavaScript")

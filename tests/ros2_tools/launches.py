@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 from pathlib import Path
 
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.recording.reader import Recording
 
+from ..finished import finished
 from .tools import check, check_verified, listed, node, ros2, running, says, until
 
 LAUNCH = ("launch", "trunk_experiments", "trunk.launch.py")
@@ -46,7 +46,7 @@ def check_one_is_ended(folder: Path, name: str) -> None:
         until(lambda: f"/{name}" in listed("node", "list") and (run / "run.mcap").exists())
         # Of the nodes on this machine, the one that records here.
         mine = ("pgrep", "-f", f"lib/trunk_[a-z]+(_[a-z]+)?/{name} --ros-args.*{run}")
-        pids = subprocess.run(mine, capture_output=True, text=True, check=False).stdout.split()
+        pids = finished(mine).stdout.split()
         if len(pids) != 1:
             os.killpg(launched.pid, signal.SIGINT)
             output, _ = launched.communicate(timeout=120)
@@ -83,5 +83,5 @@ def check_swap(folder: Path) -> None:
         "... commands of both", min(parts.get(f"commands of {n}", 0) for n in ("pid", "fuzzy_pid"))
     )
     like = ["trunk", "simulate", "--like", str(run / "run.mcap"), "-o", str(folder / "like.mcap")]
-    done = subprocess.run(like, capture_output=True, text=True, check=False)
+    done = finished(like)
     check("... and can be repeated (trunk simulate --like)", done.returncode == 0, done.stderr)

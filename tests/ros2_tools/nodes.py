@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 from pathlib import Path
 
 import yaml
@@ -12,6 +11,7 @@ import yaml
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.recording.reader import Recording
 
+from ..finished import finished
 from .tools import check, listed, node, ros2, running, says, until
 
 EXECUTABLES = {
@@ -98,12 +98,7 @@ def check_parameters(folder: Path) -> None:
     says("the reference lets go", ("param", "set", "/pid", "reference.profile", "constant"), "succ")
     (folder / "pid.yaml").write_text(ros2("param", "dump", "/pid").stdout)
     dumped = ["trunk", "simulate", "fig8", "--controller", "pid", "--params", folder / "pid.yaml"]
-    done = subprocess.run(
-        [*map(str, dumped), "--duration", "0.1", "-o", str(folder / "dumped.mcap")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = finished([*map(str, dumped), "--duration", "0.1", "-o", str(folder / "dumped.mcap")])
     check("trunk simulate --params takes the dump", done.returncode == 0, done.stderr)
 
 

@@ -15,6 +15,8 @@ from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.topic import RecordingError
 
+from ..finished import finished
+
 PATIENCE_S = 60.0  # for what a tool has to discover first
 results: list[bool] = []
 
@@ -28,9 +30,7 @@ def check(what: str, good: object, detail: str = "") -> None:
 
 def ros2(*words: object) -> subprocess.CompletedProcess[str]:
     """Run `ros2` to its end."""
-    return subprocess.run(
-        ["ros2", *map(str, words)], text=True, capture_output=True, timeout=300, check=False
-    )
+    return finished(["ros2", *map(str, words)], timeout=300)
 
 
 def says(what: str, words: tuple[object, ...], *patterns: str, code: int = 0) -> str:

@@ -110,7 +110,7 @@ class Scenario(NamedTuple):
         words: list[object] = [self.file, "--controller", self.controller]
         words += ["--duration", self.duration]
         words += [word for setting in self.settings for word in ("--set", setting)]
-        return words + [word for swap in self.swaps for word in ("--swap", swap)]
+        return words + [word for swap in self.swaps for word in ("--swap-at", swap)]
 
 
 SCENARIOS = {

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
 import click
+
+from ..finished import finished
 
 _ROOT = Path(__file__).resolve().parents[2]
 _SOURCES = _ROOT / "ros2_ws" / "src"
@@ -111,13 +112,7 @@ def found_after(mutant: Mutant, count: int) -> tuple[int | None, str]:
         copy_with(mutant, Path(name))
         path = os.pathsep.join([name, os.environ.get("PYTHONPATH", "")])
         words = [sys.executable, str(_ROOT / "scripts" / "check_seeds.py"), str(count)]
-        done = subprocess.run(
-            [*words, "--most", "1", "--raw"],
-            env={**os.environ, "PYTHONPATH": path},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = finished([*words, "--most", "1", "--raw"], env={**os.environ, "PYTHONPATH": path})
     lines = done.stdout.splitlines()
     if done.returncode == 0 or not lines:
         return None, done.stderr[-300:]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from ..finished import finished
 from .mutants import MUTANTS, Mutant, found_after, mutated
 from .story import STORIES
 
@@ -27,7 +28,7 @@ FOUND = (
 def seeds(*words: object) -> subprocess.CompletedProcess[str]:
     """Run the script in its own process, since it loads another rclpy."""
     script = [sys.executable, str(ROOT / "scripts" / "check_seeds.py"), *map(str, words)]
-    return subprocess.run(script, capture_output=True, text=True, check=False)
+    return finished(script)
 
 
 @pytest.mark.one_in(15)

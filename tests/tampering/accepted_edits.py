@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 
 _ANY = "(offline|lockstep|real_time)"
-_PARAMETER = r"parameter: {}, (set|changed), another value \({}\)"
 
 # Events on which no state depends: how the run was started, watched and held, by node.
 _STILL = (
@@ -17,6 +16,67 @@ _STILL = (
     r"|simulator (configured|activated|deactivated|cleaned up|paused|resumed|published|ready)"
     r"|(fuzzy_pid|pid) (configured|ready|published|paused|resumed|started|stopped|finished|passed on))"
 )
+
+# Parameters whose other value changes nothing, by the reason, and which of the values tried those are.
+_UNUSED = {
+    "waiting, pace and clock of the simulator: no bit of a state or command depends on them": {
+        r"simulator\.(wait_for|lockstep\.(timeout|window)|publish_clock)": "[01]",
+        r"simulator\.lockstep\.speed": r"\d",
+        r"simulator\.controllers": r"\d",
+    },
+    "command_timeout: nothing was older than the one or the other": {
+        r"simulator\.command_timeout": "[01]",
+    },
+    "max_effort: no command came near it": {r"simulator\.max_effort": "1"},
+    "a sensor's limit that was not reached": {
+        r"simulator\.sensor\.(position|velocity)_limit": "1",
+    },
+    "links, of which there are none": {
+        r"simulator\.link\.(seed|command\.missing|\w+\.(jitter_kind|duplicates|order))": "0",
+        r"simulator\.link\.(seed|\w+\.burst\.(end|loss))": "1",
+    },
+    "the operator's limits: nobody pushed": {
+        r"simulator\.operator\.(force|torque)": "0",
+        r"simulator\.operator\.timeout": "[01]",
+    },
+    "a limit that was not reached": {r"(fuzzy_pid|pid)\.(u_clamp_m\w\w|i_clamp_m\w\w)": "1"},
+    "anti-windup: no command was limited": {
+        r"(fuzzy_pid|pid)\.antiwindup_strategy": r"\d",
+        r"(fuzzy_pid|pid)\.tracking_time_constant": "0",
+    },
+    "handover.max_step: the takeovers made no such step": {
+        r"(fuzzy_pid|pid)\.handover\.max_step": "[01]",
+    },
+    "gap.max_periods: there was no such gap": {r"(fuzzy_pid|pid)\.gap\.max_periods": r"\d"},
+    "the reference's values that its profile does not use, or with which it is 0 as before": {
+        r"(fuzzy_pid\.reference\.(initial|step_time)"
+        r"|pid\.reference\.(profile|initial|step_time|amplitude|frequency))": r"\d",
+    },
+    "derivative_mode: of a constant reference, error and measurement have the same derivative": {
+        r"pid\.derivative_mode": "0",
+    },
+    "update_rate: an update is due at every state at either rate": {r"pid\.update_rate": "0"},
+    "active.times: the events say who acted when; whether a schedule or a user asked is not told": {
+        r"(fuzzy_pid|pid)\.active\.times": "[12]",
+    },
+    "disturbance.update_rate: how far ahead it tells; what it tells does not depend on it": {
+        r"disturbance\.update_rate": r"\d",
+    },
+    "a sine of amplitude 0": {r"disturbance\.sine\.(channel|frequency|phase)": r"\d"},
+    "a table without rows": {r"disturbance\.table\.(channel|interpolation)": r"\d"},
+    "random pulses, of which there are none": {
+        r"disturbance\.pulse\.random_(until|seed)": r"\d",
+        r"disturbance\.pulse\.random_from": "0",
+    },
+    "random pulses that start after the end of the run": {
+        r"disturbance\.pulse\.random_count": r"\d",
+    },
+}
+
+
+def _another_value(name: str, values: str) -> str:
+    return rf"{_ANY}: parameter: {name}, (set|changed), another value \({values}\)"
+
 
 ACCEPTED: tuple[tuple[str, str], ...] = (
     (rf"{_ANY}: origin: .*", "origin: it follows from nothing else; digests alone cover it"),
@@ -100,107 +160,9 @@ ACCEPTED: tuple[tuple[str, str], ...] = (
         rf"{_ANY}: parameter: \w+\.autostart, .*|offline: parameter: \w+\.lockstep\.enabled, .*",
         "autostart and lockstep.enabled where no node was started",
     ),
-    (
-        rf"{_ANY}: "
-        + _PARAMETER.format(
-            r"simulator\.(wait_for|lockstep\.(timeout|window)|publish_clock)", "[01]"
-        )
-        + rf"|{_ANY}: "
-        + _PARAMETER.format(r"simulator\.lockstep\.speed", r"\d")
-        + rf"|{_ANY}: "
-        + _PARAMETER.format(r"simulator\.controllers", r"\d"),
-        "waiting, pace and clock of the simulator: no bit of a state or command depends on them",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"simulator\.command_timeout", r"[01]"),
-        "command_timeout: nothing was older than the one or the other",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"simulator\.max_effort", r"1"),
-        "max_effort: no command came near it",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"simulator\.sensor\.(position|velocity)_limit", "1"),
-        "a sensor's limit that was not reached",
-    ),
-    (
-        rf"{_ANY}: "
-        + _PARAMETER.format(
-            r"simulator\.link\.(seed|command\.missing|\w+\.(jitter_kind|duplicates|order))", "0"
-        )
-        + rf"|{_ANY}: "
-        + _PARAMETER.format(r"simulator\.link\.(seed|\w+\.burst\.(end|loss))", "1"),
-        "links, of which there are none",
-    ),
-    (
-        rf"{_ANY}: "
-        + _PARAMETER.format(r"simulator\.operator\.(force|torque)", "0")
-        + rf"|{_ANY}: "
-        + _PARAMETER.format(r"simulator\.operator\.timeout", "[01]"),
-        "the operator's limits: nobody pushed",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"(fuzzy_pid|pid)\.(u_clamp_m\w\w|i_clamp_m\w\w)", r"1"),
-        "a limit that was not reached",
-    ),
-    (
-        rf"{_ANY}: "
-        + _PARAMETER.format(r"(fuzzy_pid|pid)\.antiwindup_strategy", r"\d")
-        + rf"|{_ANY}: "
-        + _PARAMETER.format(r"(fuzzy_pid|pid)\.tracking_time_constant", "0"),
-        "anti-windup: no command was limited",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"(fuzzy_pid|pid)\.handover\.max_step", r"[01]"),
-        "handover.max_step: the takeovers made no such step",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"(fuzzy_pid|pid)\.gap\.max_periods", r"\d"),
-        "gap.max_periods: there was no such gap",
-    ),
-    (
-        rf"{_ANY}: "
-        + _PARAMETER.format(
-            r"(fuzzy_pid\.reference\.(initial|step_time)"
-            r"|pid\.reference\.(profile|initial|step_time|amplitude|frequency))",
-            r"\d",
-        ),
-        "the reference's values that its profile does not use, or with which it is 0 as before",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"pid\.derivative_mode", r"0"),
-        "derivative_mode: of a constant reference, error and measurement have the same derivative",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"pid\.update_rate", r"0"),
-        "update_rate: an update is due at every state at either rate",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"(fuzzy_pid|pid)\.active\.times", r"[12]"),
-        "active.times: the events say who acted when; whether a schedule or a user asked is not told",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"disturbance\.update_rate", r"\d"),
-        "disturbance.update_rate: how far ahead it tells; what it tells does not depend on it",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"disturbance\.sine\.(channel|frequency|phase)", r"\d"),
-        "a sine of amplitude 0",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"disturbance\.table\.(channel|interpolation)", r"\d"),
-        "a table without rows",
-    ),
-    (
-        rf"{_ANY}: "
-        + _PARAMETER.format(r"disturbance\.pulse\.random_(until|seed)", r"\d")
-        + rf"|{_ANY}: "
-        + _PARAMETER.format(r"disturbance\.pulse\.random_from", "0"),
-        "random pulses, of which there are none",
-    ),
-    (
-        rf"{_ANY}: " + _PARAMETER.format(r"disturbance\.pulse\.random_count", r"\d"),
-        "random pulses that start after the end of the run",
+    *(
+        ("|".join(_another_value(*each) for each in values.items()), reason)
+        for reason, values in _UNUSED.items()
     ),
 )
 

@@ -17,7 +17,7 @@ from trunk_msgs_util.recording.reader import RecordingError
 from .. import real_time
 from ..edited import ANEW, copied
 from ..real_time import in_frame, record_real_time
-from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of
+from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of, without
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +67,7 @@ def test_the_last_answers_of_a_killed_controller_may_be_missing_in_part(
 ):
     """Commands and terms come on separate topics: the recorder may lack several of either."""
 
-    def kill(messages):
-        for message in of(messages, topic)[-lost:]:
-            messages.remove(message)
-
-    path = tmp_path / "killed.mcap"
+    kill, path = without(slice(-lost, None), topic), tmp_path / "killed.mcap"
     verdict = verify(copied(whole, path, kill, ANEW, end=False, provenance={"mode": "lockstep"}))
     assert verdict.exit_code == UNJUDGED, verdict
     assert not any(part.wrong_steps for part in verdict.checks)
@@ -91,8 +87,7 @@ def test_the_last_terms_of_a_controller_killed_after_the_end_may_be_missing(tmp_
 
     def kill(messages):
         real_time.configure(messages, "simulator", "disturbance", "fuzzy_pid")
-        for message in of(messages, "/fuzzy_pid/state")[-lost:]:
-            messages.remove(message)
+        without(slice(-lost, None), "/fuzzy_pid/state")(messages)
 
     verdict = verify(copied(source, path, kill, ANEW, provenance={"mode": "lockstep"}))
     assert verdict.exit_code == UNJUDGED, verdict

@@ -14,7 +14,7 @@ from trunk_msgs_util.parameters.declarations import parameter
 from .fuzzy import FiredRule, bilinear, cell_edges, fired_at, four_rules, locate
 from .law import Law, Lookup, Sample
 from .limits import Limits, limited
-from .pid_family import Gains, PidState, error_derivative, error_inputs, integral_kept, usable
+from .pid_family import Gains, PidState, combine, error_derivative, error_inputs, usable
 from .rule_base import (
     RuleBaseConfig,
     centers_parameter,
@@ -174,8 +174,8 @@ def fuzzy_update(
         form pi:  u_k = U_k = U_{k-1} + h K f(e_k, D_k)             K in N m/s
 
     U is ``state.integral``, here in N m; it stays within ``i_min`` and ``i_max``. Anti-windup acts
-    afterwards, on the U of the next sample (`pid_family.integral_kept`, with f for e and ki = 1): conditional
-    integration drops the increment where u is limited and ``u f > 0``; back-calculation adds
+    afterwards, on the U of the next sample (`pid_family.combine`, with K f for e and ki = 1): conditional
+    integration drops the increment where u is limited and ``u K f > 0``; back-calculation adds
     ``h (u_limited - u) / T_t``, where T_t = 0 means h.
     A sample that is not usable, and an overflow, are held. Source: D. Driankov, H. Hellendoorn, M. Reinfrank,
     An Introduction to Fuzzy Control, 1993, 3.3: PD-like and PI-like controllers.
@@ -187,26 +187,18 @@ def fuzzy_update(
         return fuzzy_held(state, limits)
     derivative = error_derivative(state, error, measurement, rate, dt, limits)
     output = table_output(error, derivative, rules)
-    table_term, integral = scale * output, 0.0
+    torque, change = scale * output, 0.0
     if integrating:
-        integral = state.integral + dt * table_term
-        if integral > limits.i_max:
-            integral = limits.i_max
-        elif integral < limits.i_min:
-            integral = limits.i_min
-        table_term = 0.0
-    u = table_term + integral
-    effort = limited(u, limits)
-    kept = integral
-    if integrating:
-        unit = Gains(0.0, 1.0, 0.0)
-        kept = integral_kept(integral, state.integral, output, u, effort, dt, unit, limits)
-    total = effort + kept + derivative
-    if total - total != 0.0:
+        torque, change = 0.0, torque
+    # U is an integral with ki = 1 and no other term; the form pd has no U.
+    gains = Gains(0.0, 1.0 if integrating else 0.0, 0.0)
+    after, terms = combine(state, change, measurement, derivative, dt, gains, 0.0, limits, torque)
+    if terms.held:
         return fuzzy_held(state, limits)
+    u, effort = terms.unsaturated, terms.effort
     return (
-        PidState(kept, error, measurement, derivative, effort, True),
-        FuzzyTerms(error, derivative, output, table_term, integral, u, effort, False),
+        PidState(after.integral, error, measurement, derivative, effort, True),
+        FuzzyTerms(error, derivative, output, torque, terms.i_term, u, effort, False),
     )
 
 

@@ -116,15 +116,13 @@ def recordings_here(tmp_path, monkeypatch, short_run):
 
 
 @pytest.fixture
-def opened(browser):
+def opened(new_page):
     """Return a function that opens a report; at the end there must be no requests and no console errors."""
-    contexts, requests, complaints = [], [], []
+    pages, requests = [], []
 
     def go(path, viewport=None, **options):
-        context = browser.new_context(
-            viewport=viewport or {"width": 1440, "height": 900}, **options
-        )
-        contexts.append(context)
+        page = new_page(viewport=viewport or {"width": 1440, "height": 900}, **options)
+        pages.append(page)
 
         def answer(route):
             requests.append(route.request.url)
@@ -133,18 +131,10 @@ def opened(browser):
             else:
                 route.abort()
 
-        context.route("**/*", answer)
-        context.set_default_timeout(0)  # pytest has one
-        page = context.new_page()
-        page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
+        page.context.route("**/*", answer)
         page.goto(path.as_uri())
         page.wait_for_selector("html[data-ready]")
         return page
 
     yield go
-    for context in contexts:
-        context.close()
-    assert complaints == []
-    assert len(requests) == len(contexts), requests  # each page itself, and nothing more
+    assert len(requests) == len(pages), requests  # each page itself, and nothing more

@@ -52,8 +52,9 @@ def test_a_simulated_run_is_the_recording_that_the_command_makes(run, tmp_path):
     found = trunk.metrics(run).as_dict()
     assert {name: values.get("metrics", values)[name] for name in found} == found
     loaded = trunk.load(tmp_path / "run.mcap")
-    for name, column in loaded.arrays().items():
-        assert column.tobytes() == run.arrays()[name].tobytes(), name
+    for same in (loaded, trunk.simulate(run.plan())):
+        for name, column in same.arrays().items():
+            assert column.tobytes() == run.arrays()[name].tobytes(), name
     CliRunner().invoke(export.command, [str(loaded.path), "--npz", str(tmp_path / "run.npz")])
     archive = np.load(tmp_path / "run.npz")
     assert set(archive) == set(loaded.arrays())
@@ -74,9 +75,8 @@ def test_every_column_has_a_unit_and_is_an_attribute(run):
 @pytest.mark.slow
 def test_explanations_branches_and_reports_are_those_of_the_commands(run, tmp_path):
     why = trunk.explain(run, at=1.06)
-    k = int(np.flatnonzero(run.t == why.update)[0])
     assert why.agrees
-    assert why.terms.p_term == run.terms["p_term"][k]
+    assert why.terms.p_term == run.terms["p_term"][run.t == why.update]
     other = trunk.branch(run, 0.5, overrides={"pid.gains.p": 70.0}, output=tmp_path / "b.mcap")
     assert other.theta[:501].tobytes() == run.theta[:501].tobytes()
     assert set(other.kp[501:]) == {70.0}
@@ -113,7 +113,8 @@ def test_a_relay_gives_table_1s_gains():
 
 @pytest.mark.slow
 def test_a_search_finds_what_a_simulation_confirms():
-    plans = [trunk.plan(name, "pid", duration=2.0, rate=200.0) for name in ("fig6", "fig7")]
+    of = [("fig6", "pid"), ("fig7", "pid")]
+    plans = [trunk.plan(*p, duration=2.0, rate=200.0) for p in of]
     heard = []
     optimum = trunk.optimise(
         *plans, metric="iae", generations=1, population=2, progress=lambda *best: heard.append(best)
@@ -121,13 +122,9 @@ def test_a_search_finds_what_a_simulation_confirms():
     assert optimum.after < optimum.before
     assert heard == [(1, optimum.after)]
     for overrides, mean in (({}, optimum.before), (optimum.overrides, optimum.after)):
-        runs = [
-            trunk.simulate(
-                trunk.plan(p.scenario, "pid", duration=2.0, rate=200.0, overrides=overrides)
-            )
-            for p in plans
-        ]
-        assert np.mean([trunk.metrics(run).iae for run in runs]) == pytest.approx(mean, rel=1e-9)
+        again = [trunk.plan(*p, duration=2.0, rate=200.0, overrides=overrides) for p in of]
+        iae = [trunk.metrics(trunk.simulate(plan)).iae for plan in again]
+        assert np.mean(iae) == pytest.approx(mean, rel=1e-9)
 
 
 @pytest.mark.slow
@@ -174,8 +171,7 @@ def test_overrides_win_over_files_and_accept_numpy_values():
 def test_a_plan_takes_the_pushes_of_the_command():
     planned = trunk.plan("demo", "pid", duration=0.3, pushes=["60Nm:0.1s@0.1"])
     acting = trunk.simulate(planned).disturbance["disturbance_trunk_effort"]
-    assert sorted(set(acting.tolist())) == [0.0, 60.0]
-    assert np.flatnonzero(acting).tolist() == list(range(20, 40))  # at 200 Hz
+    assert acting.tolist() == [60.0 if 20 <= k < 40 else 0.0 for k in range(61)]  # at 200 Hz
     with pytest.raises(trunk.TrunkError, match="'60Nm': "):
         trunk.plan("demo", pushes=["60Nm"])
 
@@ -185,13 +181,6 @@ def test_controllers_take_turns():
     run = trunk.simulate(plan)
     assert plan.controllers == run.controllers == ("pid", "fuzzy_pid")
     assert np.ptp(run.alpha[:500]) == 0.0 < np.ptp(run.alpha[500:])
-
-
-@pytest.mark.slow
-def test_a_run_is_run_again_from_its_recording(run):
-    again = trunk.simulate(run.plan())
-    assert again.torque.tobytes() == run.torque.tobytes()
-    assert trunk.verify(again).verified
 
 
 def test_a_temporary_recording_is_deleted_with_its_run(tmp_path):
@@ -257,10 +246,8 @@ def test_a_row_of_a_sweep_is_the_run_that_simulate_makes(swept):
     }
     plan = trunk.plan("fig8", row["controller"], overrides=overrides, duration=2.5)
     single = trunk.metrics(trunk.simulate(plan)).as_dict()
-    assert {name: row[name] for name in single} == {
-        name: pytest.approx(np.nan, nan_ok=True) if value is None else value
-        for name, value in single.items()
-    }
+    exactly = {name: np.nan if value is None else value for name, value in single.items()}
+    assert {name: row[name] for name in single} == pytest.approx(exactly, 0.0, 0.0, nan_ok=True)
 
 
 def test_a_sweep_can_be_kept_and_loaded(swept, tmp_path):
@@ -334,12 +321,8 @@ def test_a_recording_without_states_can_still_be_shown(tmp_path):
 UNGUARDED = """
 import trunk_experiments.api as trunk
 
-vary = {"m": trunk.grid("simulator.plant.trunk_mass", [0.4, 0.6])}
-path = "study.yaml"
-with open(path, "w") as file:
-    file.write(trunk.study("fig6", ["pid"], vary, duration=0.1).text + "block: 1\\n")
 try:
-    trunk.sweep(trunk.read_study(path), jobs=2)
+    trunk.sweep(trunk.read_study("study.yaml"), jobs=2)
 except trunk.SweepError as error:
     print(error)
 """
@@ -347,6 +330,8 @@ except trunk.SweepError as error:
 
 @pytest.mark.slow
 def test_a_script_without_a_guard_gets_an_explanation(tmp_path):
+    text = trunk.study("fig6", ["pid"], LISTED, duration=0.1).text
+    (tmp_path / "study.yaml").write_text(f"{text}block: 1\n")
     (tmp_path / "script.py").write_text(UNGUARDED)
     done = subprocess.run(
         [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False

@@ -9,6 +9,7 @@ import pytest
 
 from trunk_control.law import Law
 from trunk_control.laws import law_named
+from trunk_experiments.batch import compiled_run
 from trunk_experiments.conformance import CHECKS, LawCheck, conformance
 from trunk_experiments.conformance.sources import _problems
 from trunk_experiments.plans.nodes import CONTROLLERS
@@ -37,6 +38,20 @@ def test_a_planted_fault_is_found_by_its_own_check(check: str, law: Law) -> None
 @pytest.mark.parametrize("check", ALONE, ids=lambda check: check.name)
 def test_an_honest_law_passes_every_check(check: LawCheck) -> None:
     assert [one for one in check.run(HONEST) if not one.note] == []
+
+
+def test_what_numba_refuses_is_noted(command_says, monkeypatch):
+    def refused(loop, tell):
+        tell("no dict")
+        return loop
+
+    monkeypatch.setattr(compiled_run, "compiled_or_plain", refused)
+    monkeypatch.setattr(compiled_run, "compiled_loop", compiled_run.compiled_loop.__wrapped__)
+    code, out, _ = command_says("controller", "check", "pid")
+    assert code == 0
+    (note,) = [line for line in out.splitlines() if line.startswith("note: compiled")]
+    assert "not compilable: no dict" in note
+    assert "sweeps will use CPython, " in note
 
 
 @pytest.mark.one_in(3)

@@ -18,6 +18,8 @@ from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
+from .rewritten import rewritten
+
 TRUTH = f"/{topics.GROUND_TRUTH}"
 MS = 1_000_000
 
@@ -259,20 +261,15 @@ def test_any_damage_can_be_examined_and_recovered(tmp_path):
 
 def renamed(run, path, topic, names=None, without=()):
     """Copy a run with other joints on a topic, or without some of its quantities."""
-    recording = Recording.open(run)
-    with RecordingWriter(path) as writer:
-        writer.add_metadata(PROVENANCE, recording.provenance)
-        for name, about in recording.topics.items():
-            channel = writer.channel(name, about.type)
-            for log, messages in recording.messages(name):
-                for at, data in zip(log, messages, strict=True):
-                    if name == topic:
-                        sample = JointStateLayout.parse(data).unpack(data)
-                        sample = sample._replace(**dict.fromkeys(without, ()))
-                        sample = sample._replace(name=names or sample.name)
-                        data = layout_of(sample).pack(sample)
-                    writer.write(channel, at, at, data)
-    return path
+
+    def edit(name, data, index):
+        if f"/{name}" != topic:
+            return data
+        sample = JointStateLayout.parse(data).unpack(data)
+        sample = sample._replace(**dict.fromkeys(without, ()), name=names or sample.name)
+        return layout_of(sample).pack(sample)
+
+    return rewritten(run, path, edit)
 
 
 @pytest.mark.parametrize(
@@ -296,17 +293,11 @@ def test_what_cannot_be_recomputed_is_named(tmp_path, short_run, topic, change, 
 
 
 def test_a_bad_message_is_named(tmp_path, short_run):
-    path = tmp_path / "a.mcap"
-    recording = Recording.open(short_run("fig8", "pid", duration=0.3))
-    with RecordingWriter(path) as writer:
-        writer.add_metadata(PROVENANCE, recording.provenance)
-        for name, about in recording.topics.items():
-            channel = writer.channel(name, about.type)
-            for log, messages in recording.messages(name):
-                for at, data in zip(log, messages, strict=True):
-                    writer.write(channel, at, at, data)
-            if name == "/run/events":
-                writer.write(channel, 5, 5, b"\0\1\0\0")
+    def more(writer, channels):
+        writer.write(channels["run/events"], 5, 5, b"\0\1\0\0")
+
+    source = short_run("fig8", "pid", duration=0.3)
+    path = rewritten(source, tmp_path / "a.mcap", more=more)
     (finding,) = examine(path)
     assert finding.message.startswith("/run/events: 1 of 3 messages cannot be read (message 2, ")
     verdict = verify(Recording.open(path))

@@ -55,13 +55,6 @@ def fis(inputs, outputs, rules, **system):
     return "\n".join([*lines, "[Rules]", *rules]) + "\n"
 
 
-THIRDS = (("trimf", "[-3 -1 0]"), ("trimf", "[-1 0 1]"), ("trimf", "[0 1 3]"))
-TWO = {"e": (-1, 1, *THIRDS), "e_dot": (-2, 2, ("trimf", "[-9 -2 2]"), ("trimf", "[-2 2 9]"))}
-GRID = [
-    f"{i} {j}, {k} (1) : 1"
-    for k, (i, j) in enumerate(((i, j) for i in (1, 2, 3) for j in (1, 2)), 1)
-]
-SINGLETONS = {"u": (-5, 5, *(("constant", f"[{v}]") for v in (-5, -1, 0.3, 1, 2, 5)))}
 SUGENO = {"Type": "sugeno", "AndMethod": "prod", "DefuzzMethod": "wtaver"}
 ONE = {"x": (-2, 2, ("trimf", "[-2 0 2]"), ("gaussmf", "[0.7 0.5]"))}
 Y = {"y": (0, 10, ("trimf", "[0 2 6]"), ("trapmf", "[3 6 8 10]"))}
@@ -109,12 +102,8 @@ def test_membership_functions_are_those_of_the_manual(engine):
         shape, _, numbers = text.partition(" ")
         inputs = {"x": (-2, 2, (shape, numbers))}
         # Weighted averages of 1 where it fires and 0 where it does not are the membership.
-        file = fis(
-            inputs,
-            {"y": (0, 1, ("constant", "[1]"), ("constant", "[0]"))},
-            ["1, 1 (1) : 1", "-1, 2 (1) : 1"],
-            **SUGENO,
-        )
+        outputs = {"y": (0, 1, ("constant", "[1]"), ("constant", "[0]"))}
+        file = fis(inputs, outputs, ["1, 1 (1) : 1", "-1, 2 (1) : 1"], **SUGENO)
         (y,) = engine(fis_to_fll(file)).evaluate({"x": x}, ["y"])
         assert y == pytest.approx([curve(v) for v in x.tolist()], abs=1e-12), text
 
@@ -139,10 +128,10 @@ def areas(y):
 )
 def test_mamdani_is_what_its_definition_gives(engine, imp, agg, implied, united):
     rules = ["1, 1 (1) : 1", "-2, 2 (0.5) : 1"]
-    (y,) = engine(fis_to_fll(fis(ONE, Y, rules, ImpMethod=imp, AggMethod=agg))).evaluate(
-        {"x": np.linspace(-1.9, 1.9, 21)}, ["y"]
-    )
-    for x, value in zip(np.linspace(-1.9, 1.9, 21).tolist(), y.tolist(), strict=True):
+    at = np.linspace(-1.9, 1.9, 21)
+    text = fis_to_fll(fis(ONE, Y, rules, ImpMethod=imp, AggMethod=agg))
+    (y,) = engine(text).evaluate({"x": at}, ["y"])
+    for x, value in zip(at.tolist(), y.tolist(), strict=True):
         weights = 1 - abs(x) / 2, 0.5 * (1 - exp(-((x - 0.5) ** 2) / 0.98))
         first, second = (implied(w, a) for w, a in zip(weights, areas(MIDDLES), strict=True))
         shape = united(first, second)
@@ -243,10 +232,8 @@ def test_another_program_computes_our_numbers(tmp_path, suffix):
     config = CONFIGS["12 x 5"]
     rules, points, out = (tmp_path / name for name in (f"rules{suffix}", "at.fld", "out.fld"))
     rules.write_text(written(config, suffix))
-    at = np.random.default_rng(3).uniform(-1, 1, (2000, 2)) * [
-        config.error_range,
-        config.rate_range,
-    ]
+    ranges = config.error_range, config.rate_range
+    at = np.random.default_rng(3).uniform(-1, 1, (2000, 2)) * ranges
     np.savetxt(points, at, fmt="%.17g")
     options = ["-decimals", "17", "-dheader", "false", "-dinputs", "false", "-if", suffix[1:]]
     subprocess.run(
@@ -317,14 +304,8 @@ def said(*words):
 def test_a_jump_is_refused_and_nothing_is_written(engine, tmp_path):
     steps = {"x": (-2, 2, ("rectmf", "[-3 0.123]"), ("rectmf", "[0.123 3]"))}
     file = tmp_path / "jump.fis"
-    file.write_text(
-        fis(
-            steps,
-            {"u": (0, 1, ("constant", "[0.2]"), ("constant", "[0.9]"))},
-            ["1, 1 (1) : 1", "2, 2 (1) : 1"],
-            **SUGENO,
-        )
-    )
+    levels = {"u": (0, 1, ("constant", "[0.2]"), ("constant", "[0.9]"))}
+    file.write_text(fis(steps, levels, ["1, 1 (1) : 1", "2, 2 (1) : 1"], **SUGENO))
     words = ("import", "fuzzy", file, "--input", "e=x", "--output", "kp=u", "--output", "kd=0.5")
     target = tmp_path / "out.yaml"
     done, error = said(*words, "--output", "alpha=3", "-o", target)

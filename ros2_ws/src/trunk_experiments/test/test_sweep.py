@@ -146,7 +146,7 @@ main()
 
 @pytest.mark.slow
 def test_sigkill_loses_no_finished_block(tmp_path):
-    text = STUDY.replace("duration: 3.0", "duration: 1.0")
+    text = STUDY.replace("duration: 3.0", "duration: 1.0").replace("[pid, fuzzy_pid]", "[pid]")
     file = tmp_path / "study.yaml"
     file.write_text(text.replace("block: 7", "block: 3"))
     output = tmp_path / "out.parquet"
@@ -193,30 +193,21 @@ def test_a_worker_with_other_sources_is_refused(study, tmp_path):
         sweep.run(foreign)
 
 
-def test_values_that_do_not_fit_together_are_reported(tmp_path):
-    text = STUDY.replace("[pid, fuzzy_pid]", "[fuzzy_pid]").replace("runs: 5\n", "")
-    text = text[: text.index("vary:")] + (
-        "vary:\n  p_max: {parameter: fuzzy_pid.gains.p_max, values: [20.0, 60.0]}\n"
-    )
-    path = tmp_path / "out.parquet"
-    make(parse_study(text, "study.yaml"), path)
-    first, second = rows(path)
+@pytest.mark.parametrize(
+    ("parameter", "values", "reason"),
+    [
+        ("fuzzy_pid.gains.p_max", "20.0, 60.0", "20.0 is not allowed: at least gains.p_min"),
+        ("pid.reference.profile", "topic, constant", "nobody publishes references"),
+    ],
+)
+def test_a_row_that_cannot_be_run_is_reported(tmp_path, parameter, values, reason):
+    study = STUDY.replace("pid, fuzzy_pid", parameter.partition(".")[0]).replace("runs: 5\n", "")
+    vary = f"vary:\n  it: {{parameter: {parameter}, values: [{values}]}}\n"
+    make(parse_study(study.partition("vary:")[0] + vary, "study.yaml"), tmp_path / "out.parquet")
+    first, second = rows(tmp_path / "out.parquet")
     assert first["status"] == "refused"
-    assert "'gains.p_max': 20.0 is not allowed: at least gains.p_min" in first["reason"]
+    assert reason in first["reason"]
     assert (second["status"], second["reason"]) == ("ok", None)
-
-
-def test_a_row_that_cannot_be_run_is_reported(tmp_path):
-    text = STUDY.replace("[pid, fuzzy_pid]", "[pid]").replace("runs: 5\n", "")
-    text = text[: text.index("vary:")] + (
-        "vary:\n  profile: {parameter: pid.reference.profile, values: [topic, constant]}\n"
-    )
-    path = tmp_path / "out.parquet"
-    make(parse_study(text, "study.yaml"), path)
-    first, second = rows(path)
-    assert first["status"] == "refused"
-    assert "nobody publishes references" in first["reason"]
-    assert second["status"] == "ok"
 
 
 def test_rates_vary_together():

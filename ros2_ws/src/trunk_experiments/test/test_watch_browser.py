@@ -25,9 +25,9 @@ THETA = "() => Array.from(known.plant.columns.get('theta').subarray(0, known.pla
 
 
 @pytest.fixture
-def watched(browser, tmp_path):
+def watched(new_page):
     """Return a function that opens a recording in the page; nothing may go wrong in it."""
-    started, contexts, complaints, requests = [], [], [], []
+    started, pages, requests = [], [], []
 
     def go(path):
         process = subprocess.Popen(
@@ -37,26 +37,20 @@ def watched(browser, tmp_path):
         )
         started.append(process)
         address = re.fullmatch(r"page: (\S+)\n", process.stdout.readline())[1]
-        context = browser.new_context(viewport={"width": 1400, "height": 900})
-        contexts.append(context)
-        context.set_default_timeout(0)  # pytest has one
-        page = context.new_page()
-        page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
+        page = new_page(viewport={"width": 1400, "height": 900})
+        pages.append(page)
         page.on("request", lambda request: requests.append(request.url))
         page.goto(address)
         page.wait_for_selector("html[data-ready]")
         return page
 
     yield go
-    for context in contexts:
-        context.close()
+    for page in pages:
+        page.context.close()
     for process in started:
         process.send_signal(signal.SIGINT)
         assert process.wait() == 0
         process.stdout.close()
-    assert complaints == []
     assert all(url.startswith(("http://127.0.0.1:", "data:")) for url in requests), requests
 
 

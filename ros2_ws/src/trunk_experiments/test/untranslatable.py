@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,18 +13,12 @@ import numpy as np
 LIMITS = [1.0, 2.0]
 SCALES = {"a": 1.0}
 ROW = np.zeros(3)
+BOX = SimpleNamespace(value=1.0)
 
 
 class Pair(NamedTuple):
     a: float = 0.0
     b: float = 0.0
-
-
-class Box:
-    value = 1.0
-
-
-BOX = Box()
 
 
 def power(x):
@@ -54,13 +49,11 @@ def asserts(x):
 
 
 def makes_a_list(x):
-    values = [x, x]
-    return values[0]
+    return [x, x][0]
 
 
 def makes_a_dictionary(x):
-    values = {1: x}
-    return values[1]
+    return {1: x}[1]
 
 
 def makes_a_set(x):
@@ -142,8 +135,7 @@ def takes_any_names(**x):
 
 
 def calls_with_a_star(x):
-    pair = (x, x)
-    return math.copysign(*pair)
+    return math.copysign(*(x, x))
 
 
 def divides_floats_by_floor(x):
@@ -281,12 +273,8 @@ def big_number(n):
     return n + 9223372036854775808
 
 
-def _twice(x):
-    return 2.0 * x
-
-
 def function_or_function(x):
-    f = _twice
+    f = power
     if x > 0.0:
         f = tries
     return f(x)
@@ -329,7 +317,7 @@ OUTSIDE = {
     calls_itself: ("calls_itself", "loop", X),
     takes_any_number: ("*x", "name each", X),
     takes_any_names: ("**x", "name each", X),
-    calls_with_a_star: ("math.copysign(*pair)", "name each", X),
+    calls_with_a_star: ("math.copysign(*(x, x))", "name each", X),
     divides_floats_by_floor: ("x // 0.1", "math.floor", X),
     takes_the_remainder: ("x % 0.1", "math.floor", X),
     int_then_float: ("total", "0.0 for 0", X),

@@ -7,7 +7,7 @@ The libraries are optional (pyfuzzylite is GPL-3.0); each must first give our re
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from random import Random
@@ -38,6 +38,7 @@ _GAINS = Gains(60.0, 100.0, 9.0)
 _LIMITS = Limits(DERIVATIVE_ON_MEASUREMENT, 0.0, -_LIMIT, _LIMIT, -_LIMIT, _LIMIT)
 
 Batch = Callable[[], int]  # makes some calls and returns how many
+Times = Sequence[float]  # s, a round each
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,22 @@ class BenchRow:
     ratio: float  # of the two times, in the order that the name gives
     goal: str  # as text; empty: for information only
     met: bool | None
+
+    @classmethod
+    def cost(cls, name: str, ours: Times, theirs: Times, at_most: float | None = None) -> BenchRow:
+        """Compare times, round by round, by ours over theirs; without a goal for information only."""
+        ratio = median(a / b for a, b in zip(ours, theirs, strict=True))
+        goal = ("", None) if at_most is None else (f"<= {at_most:g}", ratio <= at_most)
+        return cls(name, median(ours), median(theirs), ratio, *goal)
+
+    @classmethod
+    def speedup(
+        cls, name: str, ours: Times, theirs: Times, at_least: float | None = None
+    ) -> BenchRow:
+        """Compare times, round by round, by theirs over ours; without a goal for information only."""
+        ratio = median(b / a for a, b in zip(ours, theirs, strict=True))
+        goal = ("", None) if at_least is None else (f">= {at_least:g}", ratio >= at_least)
+        return cls(name, median(ours), median(theirs), ratio, *goal)
 
 
 def bench_core(rounds: int = 9) -> list[BenchRow]:
@@ -76,43 +93,25 @@ def bench_core(rounds: int = 9) -> list[BenchRow]:
         rounds,
     )
 
-    def ratio(upper: str, lower: str) -> float:
-        return median(a / b for a, b in zip(times[upper], times[lower], strict=True))
-
-    speedup = ratio(pyfuzzylite, "infer")
-    cost = ratio("pid_update", simple_pid)
     return [
-        BenchRow(
+        BenchRow.speedup(
             "fuzzy inference, 3 outputs: pyfuzzylite's time / ours",
-            median(times["infer"]),
-            median(times[pyfuzzylite]),
-            speedup,
-            f">= {FUZZY_GOAL:g}",
-            speedup >= FUZZY_GOAL,
+            times["infer"],
+            times[pyfuzzylite],
+            FUZZY_GOAL,
         ),
-        BenchRow(
-            "PID update: our time / simple-pid's",
-            median(times["pid_update"]),
-            median(times[simple_pid]),
-            cost,
-            f"<= {PID_GOAL:g}",
-            cost <= PID_GOAL,
+        BenchRow.cost(
+            "PID update: our time / simple-pid's", times["pid_update"], times[simple_pid], PID_GOAL
         ),
-        BenchRow(
+        BenchRow.cost(
             "Fuzzy-PID update: our time / that of simple-pid's PID",
-            median(times["fuzzy_pid_update"]),
-            median(times[simple_pid]),
-            ratio("fuzzy_pid_update", simple_pid),
-            "",
-            None,
+            times["fuzzy_pid_update"],
+            times[simple_pid],
         ),
-        BenchRow(
+        BenchRow.cost(
             "fuzzy inference, 64 x 64 rules (ours) / 7 x 7 (theirs), in CPython",
-            median(times["large"]),
-            median(times["infer"]),
-            ratio("large", "infer"),
-            "",
-            None,
+            times["large"],
+            times["infer"],
         ),
     ]
 

@@ -9,7 +9,6 @@ import os
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import fields, replace
-from statistics import median
 from time import perf_counter, process_time, sleep
 
 import numpy as np
@@ -84,11 +83,8 @@ def lanes_row(controller: str, batch: Batch, rounds: int) -> BenchRow:
         lambda: summaries(plans, batch),
         lambda: [summary_of(plan, batch) for plan in plans],
     )
-    ratio = median(a / b for a, b in zip(alone, lanes, strict=True))
     name = f"{law_named(controller).label}: compiled run alone (theirs) / in lanes (ours)"
-    return BenchRow(
-        name, median(lanes), median(alone), ratio, f">= {LANES_GOAL:g}", ratio >= LANES_GOAL
-    )
+    return BenchRow.speedup(name, lanes, alone, LANES_GOAL)
 
 
 def size_row(batch: Batch, rounds: int) -> BenchRow:
@@ -102,9 +98,8 @@ def size_row(batch: Batch, rounds: int) -> BenchRow:
     ours, theirs = alternately(
         rounds, FEW, lambda: summaries(large, batch), lambda: summaries(few, batch)
     )
-    ratio = median(a / b for a, b in zip(ours, theirs, strict=True))
     name = "a run in lanes with 64 x 64 rules (ours) / with 7 x 7 (theirs)"
-    return BenchRow(name, median(ours), median(theirs), ratio, "", None)
+    return BenchRow.cost(name, ours, theirs)
 
 
 def whole_row(batch: Batch, rounds: int) -> BenchRow:
@@ -116,23 +111,16 @@ def whole_row(batch: Batch, rounds: int) -> BenchRow:
         dict(zip(rows.columns, v, strict=True)) for v in zip(*rows.columns.values(), strict=True)
     ]
     runs = [regular_run(plan_of(study, bases, row)) for row in columns]
-    name = study.contenders[0].node
+    law = study.contenders[0].node
     blocks = [[run for run in runs[i : i + LANES] if run] for i in range(0, len(runs), LANES)]
     whole, bare = alternately(
         rounds,
         MANY,
         lambda: run_rows(rows),
-        lambda: [run_block(name, block) for block in blocks],
+        lambda: [run_block(law, block) for block in blocks],
     )
-    ratio = median(a / b for a, b in zip(whole, bare, strict=True))
-    return BenchRow(
-        f"a block of a sweep, {MANY} runs (ours) / its loops alone (theirs)",
-        median(whole),
-        median(bare),
-        ratio,
-        f"<= {WHOLE_GOAL:g}",
-        ratio <= WHOLE_GOAL,
-    )
+    name = f"a block of a sweep, {MANY} runs (ours) / its loops alone (theirs)"
+    return BenchRow.cost(name, whole, bare, WHOLE_GOAL)
 
 
 def alternately(
@@ -151,15 +139,8 @@ def growth_row(batch: Batch, rounds: int) -> BenchRow:
     for _ in range(rounds):
         few_s.append(timed(lambda: summaries(few, batch)) / FEW)
         many_s.append(timed(lambda: summaries(many, batch)) / MANY)
-    growth = median(a / b for a, b in zip(many_s, few_s, strict=True))
-    return BenchRow(
-        f"cost of one run among {MANY} (ours) / among {FEW} (theirs)",
-        median(many_s),
-        median(few_s),
-        growth,
-        f"<= {LINEAR_GOAL:g}",
-        growth <= LINEAR_GOAL,
-    )
+    name = f"cost of one run among {MANY} (ours) / among {FEW} (theirs)"
+    return BenchRow.cost(name, many_s, few_s, LINEAR_GOAL)
 
 
 def cores_row(plan: RunPlan, rounds: int) -> BenchRow:
@@ -172,16 +153,9 @@ def cores_row(plan: RunPlan, rounds: int) -> BenchRow:
         for _ in range(rounds):
             for count, pool in pools.items():
                 times[count].append(_pool_time(pool, plan, count, 2 * MANY))
-    ratio = median(a / b for a, b in zip(times[1], times[2], strict=True))
-    met = ratio >= CORES_GOAL if len(os.sched_getaffinity(0)) > 1 else None
-    return BenchRow(
-        f"{2 * MANY} runs: one core's time (theirs) / two cores' (ours)",
-        median(times[2]),
-        median(times[1]),
-        ratio,
-        f">= {CORES_GOAL:g}",
-        met,
-    )
+    name = f"{2 * MANY} runs: one core's time (theirs) / two cores' (ours)"
+    row = BenchRow.speedup(name, times[2], times[1], CORES_GOAL)
+    return row if len(os.sched_getaffinity(0)) > 1 else replace(row, met=None)
 
 
 def _warm_up(pool: Executor, plan: RunPlan, count: int) -> None:

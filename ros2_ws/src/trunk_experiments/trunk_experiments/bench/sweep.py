@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -79,21 +78,14 @@ def bench_sweep(rounds: int = 3) -> list[BenchRow]:
         for name, measure in contenders.items():
             times[name].append(measure())
 
-    def row(name: str, theirs: str, goal: float | None) -> BenchRow:
-        ratio = median(a / b for a, b in zip(times[theirs], times["ours"], strict=True))
-        met = None if goal is None else ratio >= goal
-        text = "" if goal is None else f">= {goal:g}"
-        return BenchRow(name, median(times["ours"]), median(times[theirs]), ratio, text, met)
-
-    run = "Fuzzy-PID run, 10 s at 1 kHz"
+    run, scaled = "Fuzzy-PID run, 10 s at 1 kHz", f"scaled from {_SCIKIT_STEPS} steps"
+    rows = (
+        (f"{run}, RK4: MuJoCo's time / ours", "mujoco", MUJOCO_GOAL),
+        (f"{run}: time of MuJoCo's Euler / our RK4", "euler", None),
+        (f"{run}: scikit-fuzzy's time, {scaled} / ours", "scikit", SCIKIT_GOAL),
+    )
     return [
-        row(f"{run}, RK4: MuJoCo's time / ours", "mujoco", MUJOCO_GOAL),
-        row(f"{run}: time of MuJoCo's Euler / our RK4", "euler", None),
-        row(
-            f"{run}: scikit-fuzzy's time, scaled from {_SCIKIT_STEPS} steps / ours",
-            "scikit",
-            SCIKIT_GOAL,
-        ),
+        *(BenchRow.speedup(name, times["ours"], times[side], goal) for name, side, goal in rows),
         *bench_lanes(rounds),
     ]
 

@@ -68,21 +68,33 @@ def _show(
     sys.exit(0 if all(row.met is not False for row in rows) else 1)
 
 
+_IN_A_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
+
+
 def _show_side_by_side(
-    rows: Sequence[Any],
-    as_json: bool,
-    rounds: int,
-    units: tuple[str, str],
-    both: Callable[[Any], tuple[float, float]],
+    rows: Sequence[Any], as_json: bool, rounds: int, unit: str, ours: str, theirs: str
 ) -> None:
-    """Show rows of two libraries; ``both`` returns what was measured of ours and of theirs."""
+    """Show rows of two sides, called ``ours`` and ``theirs``, in a unit of time or as rates in 1/s."""
+    kind, factor = ("s", _IN_A_SECOND[unit]) if unit in _IN_A_SECOND else ("hz", 1.0)
+    sides = f"ours_{kind}", f"theirs_{kind}"
     _show(
         rows,
         as_json,
         f"median of {rounds} rounds, side by side",
-        ("what", *units, "ratio"),
-        lambda row: (row.name, *(f"{value:.3g}" for value in (*both(row), row.ratio))),
+        ("what", f"{ours}, {unit}", f"{theirs}, {unit}", "ratio"),
+        lambda row: (
+            row.name,
+            *(f"{value:.3g}" for value in (*(factor * getattr(row, s) for s in sides), row.ratio)),
+        ),
     )
+
+
+def _measured(value: float, unit: str) -> str:
+    return f"{value:.4g} {unit}".rstrip()
+
+
+def _ratio(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"
 
 
 @command.command("lockstep")
@@ -105,12 +117,7 @@ def lockstep(rounds: int, steps: int, as_json: bool) -> None:
         as_json,
         f"median of {rounds} rounds of {steps} steps",
         ("loop", "steps/s", "ratio", "to"),
-        lambda row: (
-            row.name,
-            f"{row.rate_hz:.0f}",
-            f"{row.ratio:.2f}",
-            row.against,
-        ),
+        lambda row: (row.name, f"{row.rate_hz:.0f}", _ratio(row.ratio), row.against),
     )
 
 
@@ -128,12 +135,7 @@ def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
         as_json,
         f"median of {rounds} rounds of {seconds:g} s at {rate:g} Hz",
         ("loop", "measure", "", "ratio"),
-        lambda row: (
-            row.loop,
-            row.measure,
-            f"{row.value:.4g} {row.unit}".rstrip(),
-            "" if row.ratio is None else f"{row.ratio:.2f}",
-        ),
+        lambda row: (row.loop, row.measure, _measured(row.value, row.unit), _ratio(row.ratio)),
     )
 
 
@@ -152,12 +154,7 @@ def external(node: str, rounds: int, rate: float, seconds: float, as_json: bool)
         as_json,
         f"median of {rounds} rounds of {seconds:g} s at {rate:g} Hz",
         ("measure", "node", "", "to ours"),
-        lambda row: (
-            row.measure,
-            row.loop,
-            f"{row.value:.4g} {row.unit}".rstrip(),
-            "" if row.ratio is None else f"{row.ratio:.2f}",
-        ),
+        lambda row: (row.measure, row.loop, _measured(row.value, row.unit), _ratio(row.ratio)),
     )
 
 
@@ -184,8 +181,8 @@ def live(rounds: int, rate: float, seconds: float, pages: int, as_json: bool) ->
         ("measure", "alone", "with pages", "ratio"),
         lambda row: (
             row.measure,
-            *(f"{value:.4g} {row.unit}".rstrip() for value in (row.alone, row.served)),
-            "" if row.ratio is None else f"{row.ratio:.2f}",
+            *(_measured(value, row.unit) for value in (row.alone, row.served)),
+            _ratio(row.ratio),
         ),
     )
 
@@ -197,11 +194,7 @@ def core(rounds: int, as_json: bool) -> None:
     """One fuzzy evaluation against pyfuzzylite's, one PID update against simple-pid's."""
     from ..bench.core import bench_core
 
-    rows = bench_core(rounds)
-    units = ("ours, us", "theirs, us")
-    _show_side_by_side(
-        rows, as_json, rounds, units, lambda row: (row.ours_s * 1e6, row.theirs_s * 1e6)
-    )
+    _show_side_by_side(bench_core(rounds), as_json, rounds, "us", "ours", "theirs")
 
 
 @command.command("read")
@@ -220,8 +213,7 @@ def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
     from ..bench.read import bench_read
 
     rows = bench_read(rounds, duration, run)
-    units = ("ours, 1/s", "rosbags, 1/s")
-    _show_side_by_side(rows, as_json, rounds, units, lambda row: (row.ours_hz, row.theirs_hz))
+    _show_side_by_side(rows, as_json, rounds, "1/s", "ours", "rosbags")
 
 
 @command.command("sweep")
@@ -231,11 +223,7 @@ def sweep(rounds: int, as_json: bool) -> None:
     """Compiled closed-loop runs against MuJoCo's and scikit-fuzzy's; many runs; two cores."""
     from ..bench.sweep import bench_sweep
 
-    rows = bench_sweep(rounds)
-    units = ("ours, ms", "theirs, ms")
-    _show_side_by_side(
-        rows, as_json, rounds, units, lambda row: (row.ours_s * 1e3, row.theirs_s * 1e3)
-    )
+    _show_side_by_side(bench_sweep(rounds), as_json, rounds, "ms", "ours", "theirs")
 
 
 @command.command("gym")
@@ -253,8 +241,7 @@ def gym(rounds: int, envs: int, as_json: bool) -> None:
     from ..bench.gym import bench_gym
 
     rows = bench_gym(rounds, envs)
-    units = ("ours, 1/s", "CartPole, 1/s")
-    _show_side_by_side(rows, as_json, rounds, units, lambda row: (row.ours_hz, row.theirs_hz))
+    _show_side_by_side(rows, as_json, rounds, "1/s", "ours", "CartPole")
 
 
 @command.command("export")
@@ -264,8 +251,4 @@ def export(rounds: int, as_json: bool) -> None:
     """Compare an exported law's update with the same law written by hand in C; the bits must be equal."""
     from ..bench.exported import bench_export
 
-    rows = bench_export(rounds)
-    units = ("exported, ns", "by hand, ns")
-    _show_side_by_side(
-        rows, as_json, rounds, units, lambda row: (row.ours_s * 1e9, row.theirs_s * 1e9)
-    )
+    _show_side_by_side(bench_export(rounds), as_json, rounds, "ns", "exported", "by hand")

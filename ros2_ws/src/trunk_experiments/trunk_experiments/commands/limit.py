@@ -19,7 +19,7 @@ from trunk_msgs_util.parameters.to_si import number_in, units_of
 from ..console.document import json_option, write_json
 from ..console.options import names_or_files, studies
 from ..console.outputs import check_output, output_options
-from ..console.plan_options import ControllerName
+from ..console.plan_options import ControllerName, parameter_options
 from ..console.progress import progress_bar
 from ..console.tables import print_table
 from ..console.terminal import show_warnings
@@ -51,10 +51,7 @@ if TYPE_CHECKING:
     multiple=True,
     help="Repeatable.  [default: pid, fuzzy_pid]",
 )
-@click.option("--params", multiple=True, metavar="FILE", help="A parameter file; repeatable.")
-@click.option(
-    "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="One value; repeatable."
-)
+@parameter_options
 @click.option(
     "--study",
     metavar="STUDY",

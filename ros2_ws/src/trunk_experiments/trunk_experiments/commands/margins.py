@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 import click
 
 from ..console.document import json_option, write_json
-from ..console.options import FiniteRange
 from ..console.outputs import check_output, output_options
-from ..console.plan_options import ControllerName
+from ..console.plan_options import ControllerName, loop_options, loop_plan
 from ..console.tables import print_table
 from ..console.terminal import show_warnings
 from ..errors import PlanError
-from ..plans.plan import RunPlan, make_plan
+from ..plans.plan import RunPlan
 
 if TYPE_CHECKING:
     from ..tuning.margins import LoopMargins
@@ -26,16 +25,7 @@ if TYPE_CHECKING:
 @click.option(
     "--controller", type=ControllerName(), help="Without a RUN: the controller.  [default: pid]"
 )
-@click.option("--params", multiple=True, metavar="FILE", help="A parameter file; repeatable.")
-@click.option(
-    "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="One value; repeatable."
-)
-@click.option(
-    "--rate",
-    type=FiniteRange(0.001, 1e6, unit="Hz"),
-    metavar="HZ",
-    help="update_rate of the sampled loop, Hz.",
-)
+@loop_options
 @output_options("Also a picture: Bode, Nyquist, root locus and step; .png, .svg or .pdf.")
 @json_option("margins-1")
 def command(
@@ -60,13 +50,7 @@ def command(
 
         check_output(output, tuple(SUFFIXES), force, [run] if run else list(params))
     if run is None:
-        plan = make_plan(
-            "fig6",
-            controller or "pid",
-            ("profile_practical", *params),
-            settings,
-            {} if rate is None else {"update_rate": rate},
-        )
+        plan = loop_plan(controller or "pid", params, settings, rate)
     elif controller or params or settings or rate:
         raise PlanError(
             f"{run} brings its own parameters: give a RUN, or --controller and --params"

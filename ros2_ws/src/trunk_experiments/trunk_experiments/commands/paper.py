@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..console.document import json_option, write_json
-from ..console.outputs import check_folder
+from ..console.outputs import check_folder, output_options
 from ..console.progress import steps_told
 from ..console.tables import print_table
 from ..errors import PlanError
@@ -18,14 +18,11 @@ if TYPE_CHECKING:
 
 
 @click.command("paper")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
+@output_options(
+    "Folder for report.html, paper.json, the figures, still and animated, and the recordings.",
     required=True,
-    help="Folder for report.html, paper.json, the figures, still and animated, and the recordings.",
+    force="Write into a folder that is not empty.",
 )
-@click.option("--force", is_flag=True, help="Write into a folder that is not empty.")
 @click.option(
     "--graph",
     is_flag=True,

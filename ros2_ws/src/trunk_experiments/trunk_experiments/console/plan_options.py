@@ -13,7 +13,7 @@ from ..plans.given import checked_external
 from ..plans.nodes import CONTROLLERS, UNUSABLE
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
-from .options import Function, Name, Number, names_or_files, parameter_files, scenarios
+from .options import FiniteRange, Function, Name, Number, names_or_files, parameter_files, scenarios
 from .terminal import show_warnings
 
 # Limits of a push by hand, unless a file or --set gives others: the trunk's controllers can stand these.
@@ -56,6 +56,47 @@ def push_option(function: Function) -> Function:
     )(function)
 
 
+def parameter_options(function: Function) -> Function:
+    """Add ``--params`` and ``--set``."""
+    function = click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="NODE.PARAM=VALUE",
+        help="One value, overrides all files; in SI units, or with a unit, such as 45deg; repeatable.",
+    )(function)
+    return click.option(
+        "--params",
+        multiple=True,
+        metavar="FILE",
+        help="A parameter file, by path or shipped name; repeatable, later ones win.",
+        shell_complete=names_or_files(parameter_files),
+    )(function)
+
+
+def loop_options(function: Function) -> Function:
+    """Add ``--params``, ``--set`` and ``--rate``, from which `loop_plan` makes the plan of a sampled loop."""
+    function = click.option(
+        "--rate",
+        type=FiniteRange(0.001, 1e6, unit="Hz"),
+        metavar="HZ",
+        help="update_rate of the sampled loop, Hz.",
+    )(function)
+    return parameter_options(function)
+
+
+def loop_plan(
+    controller: str,
+    params: tuple[str, ...],
+    settings: tuple[str, ...],
+    rate: float | None,
+    scenario: str = "fig6",
+) -> RunPlan:
+    """Return the plan of a loop whose profile is profile_practical unless ``params`` give another."""
+    everywhere = {} if rate is None else {"update_rate": rate}
+    return make_plan(scenario, controller, ("profile_practical", *params), settings, everywhere)
+
+
 def plan_options(
     function: Function,
     required: bool = True,
@@ -76,20 +117,7 @@ def plan_options(
             multiple=bool(several),
             help=of_several if several else "The controller node.",
         ),
-        click.option(
-            "--params",
-            multiple=True,
-            metavar="FILE",
-            help="A parameter file, by path or shipped name; repeatable, later ones win.",
-            shell_complete=names_or_files(parameter_files),
-        ),
-        click.option(
-            "--set",
-            "settings",
-            multiple=True,
-            metavar="NODE.PARAM=VALUE",
-            help="One value, overrides all files; in SI units, or with a unit, such as 45deg; repeatable.",
-        ),
+        parameter_options,
         click.option(
             "--swap-at",
             "swaps",

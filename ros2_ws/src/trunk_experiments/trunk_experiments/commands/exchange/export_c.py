@@ -15,9 +15,8 @@ from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.parameters.files import Layer, Section, check_names, read
 
 from ...console.document import json_option, write_json
-from ...console.options import names_or_files, parameter_files
-from ...console.outputs import check_folder, check_not_read
-from ...console.plan_options import ControllerName
+from ...console.outputs import check_folder, check_not_read, output_options
+from ...console.plan_options import ControllerName, parameter_options
 from ...console.reading import open_run
 from ...console.terminal import show_warnings
 from ...errors import PlanError
@@ -30,31 +29,11 @@ from ...recorded.run import RecordedRun
 
 @click.command("export-c")
 @click.argument("controller", type=ControllerName())
-@click.option(
-    "--params",
-    multiple=True,
-    metavar="FILE",
-    help="A parameter file, by path or shipped name; repeatable, later ones win.",
-    shell_complete=names_or_files(parameter_files),
-)
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="NODE.PARAM=VALUE",
-    help="One value, overrides all files; in SI units, or with a unit, such as 45deg; repeatable.",
-)
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
+@parameter_options
+@output_options(
+    "The folder to write; it is made.",
     required=True,
-    help="The folder to write; it is made.",
-)
-@click.option(
-    "--force",
-    is_flag=True,
-    help="Also into a folder with files; those of the same names are replaced.",
+    force="Also into a folder with files; those of the same names are replaced.",
 )
 @click.option(
     "--like",

@@ -12,8 +12,8 @@ from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.files import read
 
 from ...console.document import json_option, write_json
-from ...console.outputs import FORCE, check_output
-from ...console.plan_options import ControllerName
+from ...console.outputs import check_output, output_options
+from ...console.plan_options import ControllerName, parameter_options
 from ...console.terminal import show_warnings
 from ...errors import PlanError
 
@@ -22,18 +22,8 @@ from ...errors import PlanError
 @click.option(
     "--controller", type=ControllerName(), help="Whose rules.  [default: whose the files have]"
 )
-@click.option("--params", multiple=True, metavar="FILE", help="A parameter file; repeatable.")
-@click.option(
-    "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="One value; repeatable."
-)
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="The file: .fis (MATLAB, Octave) or .fll (fuzzylite).",
-)
-@click.option("--force", is_flag=True, help=FORCE)
+@parameter_options
+@output_options("The file: .fis (MATLAB, Octave) or .fll (fuzzylite).", required=True)
 @json_option("export-fuzzy-1")
 def command(
     controller: str | None,

@@ -18,11 +18,11 @@ from ...analysis.metrics import JUDGED
 from ...console.document import json_option
 from ...console.options import FiniteRange, Function
 from ...console.outputs import check_output, output_options
-from ...console.plan_options import ControllerName
+from ...console.plan_options import ControllerName, loop_options, loop_plan
 from ...console.progress import progress_bar
 from ...console.terminal import show_warnings
 from ...console.verbs import Verbs
-from ...plans.plan import RunPlan, make_plan
+from ...plans.plan import RunPlan
 from .result import finish, finish_values, show_relay
 
 if TYPE_CHECKING:
@@ -35,25 +35,7 @@ def _options(function: Any) -> Any:
     """Add the options of every method: plant, profile, rate, and the output file."""
     options = [
         output_options("The ROS 2 parameter file to write, for --params or --params-file."),
-        click.option(
-            "--params",
-            multiple=True,
-            metavar="FILE",
-            help="Plant, profile: a parameter file, by path or shipped name; repeatable.",
-        ),
-        click.option(
-            "--set",
-            "settings",
-            multiple=True,
-            metavar="NODE.PARAM=VALUE",
-            help="One value; repeatable.",
-        ),
-        click.option(
-            "--rate",
-            type=FiniteRange(0.001, 1e6, unit="Hz"),
-            metavar="HZ",
-            help="update_rate of the sampled loop, Hz.",
-        ),
+        loop_options,
         json_option("tune-1"),
     ]
     for option in reversed(options):
@@ -67,17 +49,6 @@ def _largest(name: str, default: float, text: str, unit: str) -> Callable[[Funct
     return click.option(
         name, type=kind, default=default, show_default=True, help=f"{text}, {unit}."
     )
-
-
-def _plan(
-    controller: str,
-    params: tuple[str, ...],
-    settings: tuple[str, ...],
-    rate: float | None,
-    scenario: str = "fig6",
-) -> RunPlan:
-    everywhere = {} if rate is None else {"update_rate": rate}
-    return make_plan(scenario, controller, ("profile_practical", *params), settings, everywhere)
 
 
 @click.group("tune", cls=Verbs)
@@ -228,7 +199,7 @@ def optimise_command(
         _check_alone(click.get_current_context())
         _learn(study, controller, searched, held_out_seed, workers, options)
         return
-    plan = partial(_plan, controller, options["params"], options["settings"], options["rate"])
+    plan = partial(loop_plan, controller, options["params"], options["settings"], options["rate"])
     with progress_bar("generations") as tell:
         optimum = search(
             [plan(scenario) for scenario in scenarios],
@@ -312,7 +283,7 @@ def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
     from ...tuning.linear import linearise
 
     _check(options)
-    plan = _plan(controller, options["params"], options["settings"], options["rate"])
+    plan = loop_plan(controller, options["params"], options["settings"], options["rate"])
     show_warnings((*plan.warnings, *_without_effect(controller, options["settings"])))
     return plan, linearise(plan.simulator.body)
 
