@@ -8,8 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
+from trunk_control.laws import law_named
 from trunk_experiments.analysis.run_table import COLUMNS, RunTable
-from trunk_experiments.analysis.run_terms import DISTURBANCE, all_columns
+from trunk_experiments.analysis.run_terms import DISTURBANCE, all_columns, column_units
 from trunk_experiments.errors import PlanError
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.views.extract import window, write_csv, write_mcap, write_npz, write_parquet
@@ -48,6 +49,39 @@ def test_tables_hold_the_same_bits(table, tmp_path):
         assert npz[name].tobytes() == expected
         assert np.array([float(row[name]) for row in rows]).tobytes() == expected
     assert len(window(table)["t"]) == 1301
+
+
+def test_tables_may_have_units(run, table, tmp_path):
+    units = column_units(RecordedRun(run))
+    units = {name: units[name] for name in table}
+    write_csv(table, tmp_path / "a.csv", units)
+    with (tmp_path / "a.csv").open() as file:
+        names = next(csv.reader(file))
+    assert names[:3] == ["t [s]", "x [m]", "theta [rad]"]
+    assert {"kp [N m/rad]", "alpha", "p_term [N m]", "disturbance_trunk_position [rad]"} <= set(
+        names
+    )
+    write_parquet(table, tmp_path / "a.parquet", units)
+    schema = pq.read_schema(tmp_path / "a.parquet")
+    assert {f.name: f.metadata[b"unit"].decode() for f in schema} == units
+    pandas = pytest.importorskip("pandas")
+    assert pandas.read_parquet(tmp_path / "a.parquet").attrs["units"] == units
+
+
+def test_a_law_s_own_terms_have_its_units(short_run):
+    units = column_units(RecordedRun(Recording.open(short_run("fig8", "computed_torque"))))
+    own = law_named("computed_torque").units
+    assert own
+    assert own.items() <= units.items()
+
+
+def test_export_writes_units_where_they_are_asked_for(trunk, run, tmp_path):
+    first, second = tmp_path / "a.csv", tmp_path / "b.csv"
+    trunk("export", run.path, "--csv", first)
+    trunk("export", run.path, "--csv", second, "--units")
+    assert first.read_text().startswith("t,x,theta,")
+    assert second.read_text().startswith("t [s],x [m],theta [rad],")
+    assert first.read_text().split("\n")[1:] == second.read_text().split("\n")[1:]
 
 
 def test_terms_and_disturbance_belong_to_their_states(table):

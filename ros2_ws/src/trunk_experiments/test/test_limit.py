@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from math import radians
+from typing import NamedTuple
 
 import pytest
 
@@ -11,12 +13,14 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doubts import doubts_of
 from trunk_experiments.study import limit
 from trunk_experiments.study.limit import find_limit
+from trunk_sim.config import SimulatorConfig
 
 PUSH = [
     *("limit", "demo", "--vary", "disturbance.pulse.magnitude", "--to", "300Nm"),
     *("--set", "disturbance.pulse.channel=trunk_effort"),
 ]
-BACKWARD = ("--from", "0.5", "--to", "0.1")
+SAME = ("--from", "0.5", "--to", "0.5")
+DELAY = ("limit", "demo", "--vary", "simulator.sensor.delay")
 STUDY = """
 scenario: fig6
 rate: 200
@@ -29,15 +33,22 @@ vary:
 """
 
 
+class PlanAt(NamedTuple):
+    """As much of a plan as a search needs."""
+
+    value: float
+    simulator: SimulatorConfig = SimulatorConfig()
+
+
 def stands_below(*spans):
-    """Return summaries of runs that stand where their plan, a number, is in one of the spans."""
+    """Return summaries of runs that stand where their plan's value is in one of the spans."""
 
     class Metrics:
         def __init__(self, angle):
             self.theta_max_deg, self.theta_min_deg = angle, 0.0
 
     def summaries(plans, batch):
-        good = ((low <= value <= high for low, high in spans) for value in plans)
+        good = ((low <= plan.value <= high for low, high in spans) for plan in plans)
         return [RunSummary(Metrics(10.0 if any(inside) else 91.0)) for inside in good]
 
     return summaries
@@ -45,10 +56,20 @@ def stands_below(*spans):
 
 def test_the_bisection_closes_in(monkeypatch):
     monkeypatch.setattr(limit, "summaries", stands_below((0.0, 61.3)))
-    found = find_limit(lambda value: value, 0.0, 100.0, 1e-3)
+    done = []
+    found = find_limit(PlanAt, 0.0, 100.0, 1e-3, done.append)
     assert found.stands <= 61.3 < found.falls <= found.stands + 1e-3
     assert found.stands_again == ()
-    assert found.runs <= 16 * 5
+    assert found.runs == done[-1] <= limit.most_runs(0.0, 100.0, 1e-3) <= 16 * 5
+
+
+@pytest.mark.parametrize("ends", [(0.0, -100.0), (100.0, -100.0)])
+def test_the_bisection_goes_downwards(monkeypatch, ends):
+    monkeypatch.setattr(limit, "summaries", stands_below((-61.3, 100.0), (-92.0, -75.0)))
+    found = find_limit(PlanAt, *ends, 1e-3)
+    assert found.stands >= -61.3 > found.falls >= found.stands - 1e-3
+    assert all(-92.0 <= value <= -75.0 for value in found.stands_again)
+    assert found.stands_again
 
 
 @pytest.mark.parametrize(
@@ -58,16 +79,81 @@ def test_the_bisection_closes_in(monkeypatch):
 )
 def test_a_range_without_a_limit(monkeypatch, spans, stands, falls):
     monkeypatch.setattr(limit, "summaries", stands_below(*spans))
-    found = find_limit(lambda value: value, 0.0, 100.0, 1e-3)
+    found = find_limit(PlanAt, 0.0, 100.0, 1e-3)
     assert (found.stands, found.falls) == (stands, falls)
 
 
 def test_what_stands_beyond_the_first_fall_is_not_the_limit(monkeypatch):
     monkeypatch.setattr(limit, "summaries", stands_below((0.0, 20.0), (50.0, 70.0)))
-    found = find_limit(lambda value: value, 0.0, 100.0, 1e-3)
+    found = find_limit(PlanAt, 0.0, 100.0, 1e-3)
     assert found.stands == pytest.approx(20.0, abs=1e-3)
     assert found.stands_again
     assert all(50.0 <= value <= 70.0 for value in found.stands_again)
+
+
+def test_a_run_stands_within_its_own_fall_angle(monkeypatch):
+    monkeypatch.setattr(limit, "summaries", stands_below((0.0, 100.0)))
+    narrow = SimulatorConfig(fall_angle=radians(9.0))
+    assert find_limit(lambda value: PlanAt(value, narrow), 0.0, 100.0, 1.0).stands is None
+
+
+def test_the_answer_says_what_the_push_is(command_says, monkeypatch):
+    monkeypatch.setattr(limit, "summaries", lambda plans, batch: [RunSummary(None) for _ in plans])
+    code, out, err = command_says(*PUSH, "--controller", "pid")
+    assert (code, "trunk: runs: 100 %" in err) == (0, True)
+    assert "pulses: on trunk_effort, for 0.1 s each, from t = 1, 5 s" in out
+    assert "stands: the trunk stays within 90° throughout the run, 10 s" in out
+    code, out, _ = command_says(*PUSH, "--controller", "pid", "--json")
+    values = json.loads(out)
+    assert values["pulses"] == {
+        "channel": "trunk_effort",
+        "start_times": [1.0, 5.0],
+        "duration": 0.1,
+        "magnitude": None,
+    }
+    assert (values["push"], values["duration"]) == (None, 10.0)
+    assert values["fall_angle"] == pytest.approx(radians(90.0))
+
+
+@pytest.mark.parametrize("ends", [("-300Nm", "0"), ("0", "-300Nm")])
+@pytest.mark.parametrize(
+    "varied", [PUSH[2:4] + PUSH[6:], ["--push", "0.1s@3", "--set", "disturbance.pulse.magnitude=0"]]
+)
+def test_either_end_may_be_the_one_without_a_disturbance(command_says, monkeypatch, ends, varied):
+    monkeypatch.setattr(limit, "summaries", stands_magnitudes)
+    words = ("limit", "demo", *varied, "--controller", "pid", "--json")
+    code, out, _ = command_says(*words, "--from", ends[0], "--to", ends[1])
+    assert code == 0
+    (row,) = json.loads(out)["limits"]
+    if ends[0] == "0":
+        assert row["stands"] >= -100.0 > row["falls"]
+    else:
+        assert (row["stands"], row["falls"]) == (None, -300.0)
+
+
+def stands_magnitudes(plans, batch):
+    """Return summaries of runs that stand pulses and pushes of up to 100 N m."""
+    magnitudes = [
+        0.0
+        if plan.disturbance is None
+        else plan.disturbance.pulse_magnitude + sum(plan.disturbance.table_values)
+        for plan in plans
+    ]
+    return stands_below((-100.0, 100.0))(list(map(PlanAt, magnitudes)), batch)
+
+
+def test_the_push_is_one_besides_the_scenario_s(command_says, monkeypatch):
+    monkeypatch.setattr(limit, "summaries", lambda plans, batch: [RunSummary(None) for _ in plans])
+    words = ("limit", "demo", "--push", "hip_effort=50ms@3", "--to", "1kN", "--controller", "pid")
+    code, out, _ = command_says(*words)
+    assert code == 0
+    assert "push from 0 to 1000 N" in out
+    assert "pulses: 1.745 rad on trunk_position, for 0.1 s each, from t = 1, 5 s" in out
+    assert "push: on hip_effort, for 0.05 s, from t = 3 s" in out
+    _, out, _ = command_says(*words, "--json")
+    values = json.loads(out)
+    assert (values["parameter"], values["unit"]) == ("push", "N")
+    assert values["push"] == {"channel": "hip_effort", "start": 3.0, "duration": 0.05}
 
 
 @pytest.mark.slow
@@ -107,8 +193,14 @@ def test_a_survival_curve_counts_a_study_s_runs(command_says, tmp_path):
     ("words", "says"),
     [
         (["limit", "--vary", "simulator.sensor.delay", "--to", "1"], "give a SCENARIO, or --study"),
-        (["limit", "demo", "--vary", "simulator.sensor.delay", *BACKWARD], "the smaller one"),
-        (["limit", "demo", "--vary", "simulator.sensor.delay", "--to", "5kg"], "it is a mass"),
+        ([*DELAY, *SAME], "two different finite values"),
+        (["limit", "demo", "--to", "1"], "give --vary NODE.PARAM, or --push"),
+        ([*DELAY, "--push", "0.1s", "--to", "1"], "give --vary NODE.PARAM, or --push"),
+        (["limit", "demo", "--push", "60Nm:0.1s", "--to", "1"], "its value varies: leave it out"),
+        (["limit", "demo", "--push", "hip=0.1s", "--to", "1"], "CHANNEL one of hip_effort"),
+        (["limit", "demo", "--push", "0.1s", "--to", "5kg"], "it is a mass"),
+        (["limit", "fig6", *PUSH[2:]], "nothing disturbs at either end"),
+        ([*DELAY, "--to", "5kg"], "it is a mass"),
         (
             ["limit", "demo", "--vary", "simulator.sensor.delay", "--to", "99"],
             "--vary simulator.sensor.delay --to 99: simulator: parameter 'sensor.delay': 99 is not",

@@ -177,6 +177,20 @@ class RunTable:
         )
 
 
+TABLE_UNITS = {
+    "t": "s",
+    "x": "m",
+    "theta": "rad",
+    "x_dot": "m/s",
+    "theta_dot": "rad/s",
+    "theta_measured": "rad",
+    "reference": "rad",
+    "torque": "N m",
+    "kp": "N m/rad",
+    "ki": "N m/(rad s)",
+    "kd": "N m s/rad",
+    "alpha": "",
+}
 COLUMNS = tuple(RunTable.__dataclass_fields__)
 
 # What delays or loses commands; a link with none of these passes all of them on at once.

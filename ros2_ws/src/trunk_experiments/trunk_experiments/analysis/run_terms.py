@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.columns import in_turn, series_of
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.units import NANOSECONDS
 
+from ..plans.nodes import CONTROLLERS
 from ..recorded.run import RecordedRun
-from .run_table import COLUMNS, RunTable, held_at, matched_at
+from .run_table import COLUMNS, TABLE_UNITS, RunTable, held_at, matched_at
 
 DISTURBANCE = {
     "disturbance_hip_effort": "N",
@@ -68,6 +70,13 @@ def all_columns(run: RecordedRun, table: RunTable) -> dict[str, Floats]:
     """Return the table's columns, then terms and disturbance."""
     own = {name: getattr(table, name) for name in COLUMNS}
     return {**own, **terms(run, table), **disturbance(run, table)}
+
+
+def column_units(run: RecordedRun) -> dict[str, str]:
+    """Return the units of `all_columns` by name: empty for a ratio, none for a term of an unknown law."""
+    known = [law_named(name).units for name in run.controllers if name in CONTROLLERS]
+    own = {name: unit for units in known for name, unit in units.items()}
+    return {**own, **TABLE_UNITS, **UNITS, **DISTURBANCE}
 
 
 def _stamps(run: RecordedRun, table: RunTable) -> Integers:

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 
 class Limit(NamedTuple):
-    """How large a parameter may be. Made by `limit`; in the parameter's SI unit.
+    """How far a parameter may go. Made by `limit`; in the parameter's SI unit.
 
-    ``stands``: up to here every tried value stands; None: the first one falls. ``falls``: the smallest tried
+    ``stands``: from ``low`` to here every tried value stands; None: ``low`` falls. ``falls``: the first tried
     value beyond it, which falls; None: none does. ``stands_again``: tried values beyond that, which stand.
     ``runs``: how many runs it took.
     """
@@ -110,22 +110,23 @@ def limit(
     overrides: Mapping[str, Any] = MappingProxyType({}),
     within: float = 1e-3,
 ) -> Limit:
-    """Return the greatest value of a parameter with which the trunk stays within 90 degrees: bisection.
+    """Return how far a parameter may go with the trunk within ``simulator.fall.angle`` throughout: bisection.
 
-    ``vary``: ``"NODE.PARAM"``, a number, tried from ``low`` to ``high`` in SI units and radians; ``within``:
-    how exact, as a share of that range. The other arguments are those of `plan`.
+    ``vary``: ``"NODE.PARAM"``, a number, tried from ``low``, which should stand, to ``high``, which may be
+    smaller, in SI units and radians; ``within``: how exact, as a share of that range. The other arguments are
+    those of `plan`.
 
     Raises PlanError for a value that is refused.
     """
     from ..study.limit import find_limit
 
-    if not (isfinite(low) and isfinite(high) and low < high and 0.0 < within <= 1.0):
+    if not (isfinite(low) and isfinite(high) and low != high and 0.0 < within <= 1.0):
         raise PlanError(
-            f"limit: low {low!r}, high {high!r}, within {within!r}: low < high is needed, within up to 1"
+            f"limit: low {low!r}, high {high!r}, within {within!r}: two ends are needed, within up to 1"
         )
 
     def at(value: float) -> Plan:
         return plan(scenario, controller, params=params, overrides={**overrides, vary: value})
 
-    exact = within * (high - low)
+    exact = within * abs(high - low)
     return Limit(*find_limit(lambda value: at(value)._plan, low, high, exact))

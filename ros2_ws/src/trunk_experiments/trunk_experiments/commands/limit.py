@@ -1,8 +1,10 @@
-"""``trunk limit``: the greatest value of a parameter that a controller withstands."""
+"""``trunk limit``: how far a parameter, or a push, may go until the trunk falls."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,18 +27,32 @@ from ..console.tables import print_table
 from ..console.terminal import show_warnings
 from ..errors import PlanError
 from ..plans.plan import RunPlan, make_plan
+from ..plans.pushes import UNITS, parse_push, valued
 
 if TYPE_CHECKING:
     from ..study.limit import Bracket, Survival
 
+PlanOf = Callable[[str, str], RunPlan]  # of a controller, with a value
+
 
 @click.command("limit")
 @click.argument("scenario", required=False)
-@click.option("--vary", required=True, metavar="NODE.PARAM", help="The parameter, a number.")
+@click.option("--vary", metavar="NODE.PARAM", help="The parameter, a number.")
 @click.option(
-    "--from", "low", default="0", show_default=True, help="Its first value; a unit is allowed."
+    "--push",
+    metavar="[CHANNEL=]DURATION[@TIME]",
+    help="In place of --vary: the value of one push besides the scenario's disturbances, such as 0.1s@3.",
 )
-@click.option("--to", "high", required=True, help="Its last value, such as 300Nm.")
+@click.option(
+    "--from",
+    "low",
+    default="0",
+    show_default=True,
+    help="Its first value, which should stand; a unit is allowed.",
+)
+@click.option(
+    "--to", "high", required=True, help="Its last value, such as 300Nm; it may be the smaller one."
+)
 @click.option(
     "--within",
     type=click.FloatRange(1e-9, 1.0),
@@ -69,7 +85,8 @@ if TYPE_CHECKING:
 @json_option("limit-1")
 def command(
     scenario: str | None,
-    vary: str,
+    vary: str | None,
+    push: str | None,
     low: str,
     high: str,
     within: float,
@@ -82,28 +99,36 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Find the greatest value of a parameter with which the trunk of SCENARIO stays up: bisection.
+    """Find how far a parameter, or a push, may go with the trunk of SCENARIO upright: bisection.
 
-    Up to it every tried value stands. With --study, print the share of its runs that withstand each value,
-    with 95 % intervals. A run stands if the trunk stays within 90 degrees.
+    From --from up to the limit every tried value stands: the trunk stays within simulator.fall.angle for the
+    whole run. With --study, print the share of its runs that stand each value, with 95 % intervals.
     """
     if (scenario is None) == (study is None):
         raise PlanError("give a SCENARIO, or --study STUDY")
+    if (vary is None) == (push is None):
+        raise PlanError("give --vary NODE.PARAM, or --push [CHANNEL=]DURATION[@TIME]")
     if study is not None:
         if controllers or params or settings:
             raise PlanError(
                 "--study brings its own controllers and parameters: leave the others out"
             )
+        if vary is None:
+            raise PlanError(f"--push {push}: with --study, give --vary disturbance.pulse.magnitude")
         _study(study, vary, low, high, points, output, force, as_json)
         return
-    make = partial(_plan, str(scenario), params, settings, vary)
+    from ..study.limit import condition_lines, conditions_of
+
+    make = partial(_plan, str(scenario), params, settings, vary, push)
     names = controllers or ("pid", "fuzzy_pid")
-    try:
-        last = make(names[0], high)
-    except TrunkError as error:
-        reason = str(error).removeprefix(f"--set {vary}={high}: ")
-        raise PlanError(f"--vary {vary} --to {high}: {reason}") from None
-    bounds, unit = _range(last, vary, low, high)
+    last, first = (_end(make, names[0], vary, *end) for end in (("--to", high), ("--from", low)))
+    pushed = None if push is None else parse_push(valued(push, low), 0.0)
+    title = vary or "push"
+    if pushed is not None:
+        bounds, unit = _numbers(low, high, UNITS[pushed.channel])
+    else:
+        bounds, unit = _range({**first.configs, **last.configs}, title, low, high)
+    conditions = conditions_of(first if last.disturbance is None else last, {title}, pushed)
     if output is not None:
         if output.exists() and not output.is_dir():
             raise PlanError(f"--output {output}: a file: give a folder for the recordings")
@@ -121,59 +146,92 @@ def command(
             {"controller": n, **limit.as_values(), "recordings": recordings.get(n, [])}
             for n, limit in limits.items()
         ]
-        write_json("limit-1", {"parameter": vary, "unit": unit, "limits": rows, "survival": []})
+        values = {"parameter": title, "unit": unit, **conditions, "limits": rows, "survival": []}
+        write_json("limit-1", values)
         return
-    _show(limits, vary, unit, bounds)
+    _show(limits, title, unit, bounds)
+    click.echo("\n".join(condition_lines(conditions)))
     for path in (path for pair in recordings.values() for path in pair):
         click.echo(f"recording: {path}")
 
 
 def _plan(
-    scenario: str, params: tuple[str, ...], settings: tuple[str, ...], vary: str,
-    controller: str, value: str,
+    scenario: str, params: tuple[str, ...], settings: tuple[str, ...], vary: str | None,
+    push: str | None, controller: str, value: str,
 ) -> RunPlan:  # fmt: skip
+    if push is not None:
+        return make_plan(scenario, controller, params, settings, pushes=[valued(push, value)])
     return make_plan(scenario, controller, params, [*settings, f"{vary}={value}"])
 
 
-def _range(plan: RunPlan, vary: str, low: str, high: str) -> tuple[tuple[float, float], str]:
+def _end(make: PlanOf, controller: str, vary: str | None, option: str, value: str) -> RunPlan:
+    """Return the plan at an end of the range. Raises PlanError that names the option."""
+    try:
+        return make(controller, value)
+    except TrunkError as error:
+        if vary is None:
+            raise
+        reason = str(error).removeprefix(f"--set {vary}={value}: ")
+        raise PlanError(f"--vary {vary} {option} {value}: {reason}") from None
+
+
+def _range(
+    configs: Mapping[str, Any], vary: str, low: str, high: str
+) -> tuple[tuple[float, float], str]:
     """Return the bounds in the parameter's SI unit, and the unit. Raises PlanError."""
     node, _, name = vary.partition(".")
-    config = plan.configs.get(node)
+    config = configs.get(node)
     if config is None:
-        raise PlanError(f"--vary {vary}: {node} does not run: one of {', '.join(plan.configs)}")
+        reason = f"{node} does not run: one of {', '.join(configs)}"
+        if node == "disturbance":
+            reason = "nothing disturbs at either end: set the others, such as pulse.start_times"
+        raise PlanError(f"--vary {vary}: {reason}")
     declared, values = declarations(type(config))[name], values_of(config)
     if declared.kind != "double":
         raise PlanError(
             f"--vary {vary}: it is of the type {declared.kind}: give a single real number"
         )
-    units = units_of(declared, values)[0]
+    return _numbers(low, high, units_of(declared, values)[0][0])
+
+
+def _numbers(low: str, high: str, unit: str) -> tuple[tuple[float, float], str]:
+    """Return both ends in a unit, and the unit. Raises PlanError."""
     try:
-        first, last = number_in(low, units[0]), number_in(high, units[0])
+        first, last = number_in(low, unit), number_in(high, unit)
     except UnitError as error:
         raise PlanError(f"--from {low}, --to {high}: {error}") from None
-    if not first < last:
-        raise PlanError(f"--from {low}, --to {high}: --from must be the smaller one")
-    return (first, last), units[0]
+    if not (isfinite(first) and isfinite(last) and first != last):
+        raise PlanError(f"--from {low}, --to {high}: two different finite values are needed")
+    return (first, last), unit
 
 
 def _limits(
-    make: Any, names: tuple[str, ...], bounds: tuple[float, float], within: float
+    make: PlanOf, names: tuple[str, ...], bounds: tuple[float, float], within: float
 ) -> dict[str, Bracket]:
-    from ..study.limit import find_limit
+    from ..study.limit import find_limit, most_runs
 
-    limits = {}
-    for name in names:
-        low, high = bounds
-        limits[name] = find_limit(partial(_at, make, name), low, high, within * (high - low))
+    first, last = bounds
+    exact = within * abs(last - first)
+    most = most_runs(first, last, exact)
+    limits: dict[str, Bracket] = {}
+    with progress_bar("runs") as tell:
+        tell(0, most * len(names))
+        for name in names:
+            before = most * len(limits)
+
+            def progress(runs: int, before: int = before) -> None:
+                tell(before + runs, most * len(names))
+
+            limits[name] = find_limit(partial(_at, make, name), first, last, exact, progress)
+            progress(most)
     return limits
 
 
-def _at(make: Any, name: str, value: float) -> RunPlan:
-    plan: RunPlan = make(name, repr(value))
-    return plan
+def _at(make: PlanOf, name: str, value: float) -> RunPlan:
+    return make(name, repr(value))
 
 
-def _record(make: Any, name: str, limit: Bracket, files: list[Path], force: bool) -> list[Path]:
+def _record(make: PlanOf, name: str, limit: Bracket, files: list[Path], force: bool) -> list[Path]:
     """Record the runs on either side of a limit, as far as there are any; return the files."""
     from trunk_sim.simulation import DivergedError
 
@@ -207,7 +265,7 @@ def _show(limits: dict[str, Bracket], vary: str, unit: str, bounds: tuple[float,
         )
     low, high = bounds
     print_table(
-        f"greatest {vary} from {low:g} to {high:g} {unit}",
+        f"{vary} from {low:g} to {high:g} {unit}",
         ("controller", f"stands, {unit}", f"falls, {unit}", "runs"),
         rows,
     )
@@ -221,7 +279,7 @@ def _study(
 
     from ..study.bases import make_bases
     from ..study.file import read_study
-    from ..study.limit import survival
+    from ..study.limit import condition_lines, conditions_of, survival
     from ..study.study import Target
 
     if output is not None:
@@ -232,7 +290,9 @@ def _study(
     node, _, parameter = vary.partition(".")
     base = next(iter(make_bases(study).values()))
     plan = RunPlan(**{**vars(base.plan), "disturbance": base.disturbance})
-    bounds, unit = _range(plan, vary, low, high)
+    bounds, unit = _range(plan.configs, vary, low, high)
+    drawn = {str(target) for variable in study.variables for target in variable.targets}
+    conditions = conditions_of(plan, {vary, *drawn})
     values = np.linspace(*bounds, points).tolist()
     total = study.total * points
     done = 0
@@ -256,8 +316,9 @@ def _study(
             {
                 "parameter": vary,
                 "unit": unit,
+                **conditions,
                 "limits": [],
-                "survival": [_survival_values(n, curve) for n, curve in curves.items()],
+                "survival": [{"controller": n, **curve.as_values()} for n, curve in curves.items()],
             },
         )
         return
@@ -273,6 +334,7 @@ def _study(
         half = curve.half()
         at = "not reached" if half is None else f"{half:.4g} {unit}"
         click.echo(f"half of them fall, {controller}: {at}")
+    click.echo("\n".join(condition_lines(conditions)))
     if output is not None:
         click.echo(f"picture: {output}")
 
@@ -280,15 +342,3 @@ def _study(
 def _share(curve: Survival, k: int) -> str:
     estimate = curve.shares[k]
     return f"{100 * estimate.value:.0f} ({100 * estimate.low:.0f} to {100 * estimate.high:.0f})"
-
-
-def _survival_values(controller: str, curve: Survival) -> dict[str, object]:
-    return {
-        "controller": controller,
-        "runs": curve.runs,
-        "half_falls_at": curve.half(),
-        "points": [
-            {"value": value, "share": estimate.value, "low": estimate.low, "high": estimate.high}
-            for value, estimate in zip(curve.values, curve.shares, strict=True)
-        ],
-    }

@@ -13,7 +13,7 @@ from trunk_sim.disturbances import CHANNELS
 
 from ..errors import PlanError
 
-_UNITS = dict(zip(CHANNELS, ("N", "N m", "m", "rad"), strict=True))
+UNITS = dict(zip(CHANNELS, ("N", "N m", "m", "rad"), strict=True))
 _USUAL = "trunk_effort"
 
 
@@ -42,7 +42,7 @@ def parse_push(text: str, at: float) -> Push:
     if channel not in CHANNELS or not colon:
         raise PlanError(needed)
     try:
-        value = number_in(value_text, _UNITS[channel])
+        value = number_in(value_text, UNITS[channel])
         duration = number_in(duration_text, "s")
         start = number_in(time_text, "s") if "@" in text else at
     except UnitError as error:
@@ -52,6 +52,15 @@ def parse_push(text: str, at: float) -> Push:
     if not at <= start < 1e6:
         raise PlanError(f"--push {text!r}: it starts at {start:g} s: give a time from {at:g} s on")
     return Push(channel, value, start, duration)
+
+
+def valued(push: str, value: str) -> str:
+    """Return ``[CHANNEL=]DURATION[@TIME]`` with a value, for `parse_push`. Raises PlanError if it has one."""
+    channel, equals, rest = push.rpartition("=")
+    rest = rest.removeprefix(":")
+    if ":" in rest:
+        raise PlanError(f"--push {push!r}: its value varies: leave it out, such as 0.1s@3")
+    return f"{channel}{equals}{value}:{rest}"
 
 
 def with_pushes(config: DisturbanceConfig, texts: Sequence[str], end: float) -> DisturbanceConfig:

@@ -2,34 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from math import ceil, degrees, log
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.units import seconds
 
 from ..batch.block import RunSummary, summaries
 from ..batch.columns import LANES
 from ..batch.compiled_run import Batch
 from ..errors import PlanError, StudyError
 from ..plans.plan import RunPlan
+from ..plans.pushes import UNITS, Push
 from .bases import make_bases, plan_of
 from .design import design
 from .intervals import Estimate, wilson
-from .results import FALLEN_DEG
 from .study import StudySpec, Target, Variable
 
 PlanAt = Callable[[float], RunPlan]
+_FEW = 6  # start times in a line
+
 Progress = Callable[[int], None]  # takes the number of runs that were made
 
 
 class Bracket(NamedTuple):
     """Where a controller falls, in the parameter's unit."""
 
-    stands: float | None  # up to here every tried value stands; None: the first one falls
-    falls: float | None  # the smallest tried value beyond it, which falls; None: none does
+    stands: float | None  # from the first value to here every tried one stands; None: it falls
+    falls: float | None  # the first tried value beyond it, which falls; None: none does
     stands_again: tuple[float, ...]  # tried values beyond that, which stand
     runs: int
 
@@ -38,38 +42,97 @@ class Bracket(NamedTuple):
         return self._asdict()
 
 
-def stood(run: RunSummary) -> bool:
-    """Return True for a run whose trunk stayed within 90 degrees, all states finite."""
+def stood(run: RunSummary, plan: RunPlan) -> bool:
+    """Return True for a run whose trunk stayed within the plan's fall angle, all states finite."""
     m = run.metrics
-    return m is not None and max(m.theta_max_deg, -m.theta_min_deg) < FALLEN_DEG
+    limit = degrees(plan.simulator.fall_angle)
+    return m is not None and max(m.theta_max_deg, -m.theta_min_deg) <= limit
+
+
+def most_runs(first: float, last: float, within: float) -> int:
+    """Return how many runs `find_limit` makes at most: each round divides a gap by ``LANES + 1``."""
+    gap = abs(last - first) / (LANES - 1)
+    return LANES * (1 + max(0, ceil(log(gap / within) / log(LANES + 1))))
 
 
 def find_limit(
-    plan_at: PlanAt, low: float, high: float, within: float, progress: Progress = lambda runs: None
-) -> Bracket:
-    """Return the greatest value between ``low`` and ``high`` that stands, to ``within``.
+    plan_at: PlanAt, first: float, last: float, within: float,
+    progress: Progress = lambda runs: None,
+) -> Bracket:  # fmt: skip
+    """Return the last value on the way from ``first``, which stands, to ``last`` that stands, to ``within``.
 
+    ``last`` may be the smaller one. ``progress`` takes the number of runs that were made so far.
     Each round tries as many values as there are lanes: first the whole range, then between the last that
     stands and the first that falls. A fall need not be final: a stronger pulse may throw the trunk through to
     where it is caught, so what stands beyond is returned, too. Raises PlanError for a value that is refused.
     """
     batch = Batch()
     tried: dict[float, bool] = {}
-    values = np.linspace(low, high, LANES).tolist()
+    values = np.linspace(first, last, LANES).tolist()
     while True:
-        for value, run in zip(values, summaries(map(plan_at, values), batch), strict=True):
+        plans = [plan_at(value) for value in values]
+        for value, plan, run in zip(values, plans, summaries(plans, batch), strict=True):
             if run.refused:
                 raise PlanError(f"{value:g}: {run.refused}")
-            tried[value] = stood(run)
+            tried[value] = stood(run, plan)
         progress(len(tried))
-        falls = next((value for value in sorted(tried) if not tried[value]), None)
-        stands = max((value for value in tried if falls is None or value < falls), default=None)
-        if falls is None or stands is None or falls - stands <= within:
-            again = sorted(
-                v for v, good in tried.items() if good and falls is not None and v > falls
-            )
-            return Bracket(stands, falls, tuple(again), len(tried))
+        way = sorted(tried, reverse=last < first)
+        count = next((k for k, value in enumerate(way) if not tried[value]), len(way))
+        stands = way[count - 1] if count else None
+        falls = way[count] if count < len(way) else None
+        if falls is None or stands is None or abs(falls - stands) <= within:
+            again = tuple(value for value in way[count:] if tried[value])
+            return Bracket(stands, falls, again, len(tried))
         values = np.linspace(stands, falls, LANES + 2)[1:-1].tolist()
+
+
+def conditions_of(
+    plan: RunPlan, varied: Collection[str], push: Push | None = None
+) -> dict[str, Any]:
+    """Return what else decides a limit: the plan's pulses, the push whose value varies, when a run stands.
+
+    SI units and radians; None for what varies, ``NODE.PARAM`` in ``varied``.
+    """
+    pulses = None
+    config = plan.disturbance
+    if config is not None and config.signals.pulse_starts:
+        values: dict[str, object] = {
+            "channel": config.pulse_channel,
+            "start_times": [seconds(start) for start in config.signals.pulse_starts],
+            "duration": config.pulse_duration,
+            "magnitude": config.pulse_magnitude,
+        }
+        changing = {name.removeprefix("disturbance.pulse.").partition(".")[0] for name in varied}
+        if any(name.startswith("disturbance.pulse.random_") for name in varied):
+            changing.add("start_times")
+        pulses = {name: None if name in changing else value for name, value in values.items()}
+    return {
+        "pulses": pulses,
+        "push": push and {"channel": push.channel, "start": push.start, "duration": push.duration},
+        "fall_angle": None if "simulator.fall.angle" in varied else plan.simulator.fall_angle,
+        "duration": None if "simulator.duration" in varied else plan.simulator.duration,
+    }
+
+
+def condition_lines(conditions: Mapping[str, Any]) -> list[str]:
+    """Return in words what `conditions_of` returns."""
+    lines = []
+    if conditions["pulses"]:
+        channel, starts, lasting, value = conditions["pulses"].values()
+        of = "" if value is None else f"{value:.4g} {UNITS.get(channel, '')} "
+        at = "varied" if starts is None else ", ".join(f"{start:g}" for start in starts[:_FEW])
+        more = " …" if len(starts or ()) > _FEW else ""
+        each = "varied" if lasting is None else f"{lasting:g} s"
+        lines.append(
+            f"pulses: {of}on {channel or 'a varied channel'}, for {each} each, from t = {at}{more} s"
+        )
+    if conditions["push"]:
+        channel, start, lasting = conditions["push"].values()
+        lines.append(f"push: on {channel}, for {lasting:g} s, from t = {start:g} s")
+    angle, duration = conditions["fall_angle"], conditions["duration"]
+    limit = "simulator.fall.angle" if angle is None else f"{degrees(angle):.4g}°"
+    run = "the run" if duration is None else f"the run, {duration:g} s"
+    return [*lines, f"stands: the trunk stays within {limit} throughout {run}"]
 
 
 class Survival(NamedTuple):
@@ -78,6 +141,14 @@ class Survival(NamedTuple):
     values: tuple[float, ...]
     shares: tuple[Estimate, ...]  # with Wilson's interval
     runs: int  # at each value
+
+    def as_values(self) -> dict[str, object]:
+        """Return plain values, for JSON."""
+        points = [
+            {"value": value, "share": estimate.value, "low": estimate.low, "high": estimate.high}
+            for value, estimate in zip(self.values, self.shares, strict=True)
+        ]
+        return {"runs": self.runs, "half_falls_at": self.half(), "points": points}
 
     def half(self) -> float | None:
         """Return the value at which half of the runs fall, between two tried ones; None: not reached."""
@@ -119,11 +190,12 @@ def survival(
                 plans.append((row, plan_of(varied, bases, row)))
             except (ParameterError, PlanError) as error:
                 raise StudyError(f"{study.source}: run {row['run']}: {error}") from None
-        for (row, _), run in zip(plans, summaries((plan for _, plan in plans), batch), strict=True):
+        runs = summaries((plan for _, plan in plans), batch)
+        for (row, plan), run in zip(plans, runs, strict=True):
             if run.refused:
                 raise StudyError(f"{study.source}: run {row['run']}: {run.refused}")
             count = counts.setdefault(row["controller"], {}).setdefault(row[name], [0, 0])
-            count[0] += stood(run)
+            count[0] += stood(run, plan)
             count[1] += 1
         progress(len(rows))
     return {

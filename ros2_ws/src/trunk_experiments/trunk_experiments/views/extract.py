@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Mapping
 from importlib import import_module
 from math import inf
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -34,22 +36,39 @@ def window(
     return {name: column[first:last] for name, column in columns.items()}
 
 
-def write_csv(columns: Mapping[str, Floats], path: Path) -> None:
-    """Write columns as CSV, one row per state; every number reads back as the same double."""
+def write_csv(
+    columns: Mapping[str, Floats], path: Path, units: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Write columns as CSV, one row per state; every number reads back as the same double.
+
+    The header gives the ``units`` that are known as CSV files for parameters do: ``theta [rad]``.
+    """
+    headings = [f"{name} [{units[name]}]" if units.get(name) else name for name in columns]
     with atomic_write(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-        file.write(",".join(columns) + "\n")
+        file.write(",".join(headings) + "\n")
         for start in range(0, len(columns["t"]), _CSV_ROWS):
             rows = np.column_stack([c[start : start + _CSV_ROWS] for c in columns.values()])
             file.writelines(",".join(map(repr, row)) + "\n" for row in rows.tolist())
 
 
-def write_parquet(columns: Mapping[str, Floats], path: Path) -> None:
-    """Write columns as Parquet, doubles to the last bit."""
+def write_parquet(
+    columns: Mapping[str, Floats], path: Path, units: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Write columns as Parquet, doubles to the last bit.
+
+    The metadata has their ``units``: of each field ``unit``, and for pandas ``attrs["units"]``.
+    """
     pyarrow = import_module("pyarrow")  # untyped, and 0.2 s to import
     parquet = import_module("pyarrow.parquet")
-    arrays = {name: np.ascontiguousarray(column) for name, column in columns.items()}
+    arrays = [np.ascontiguousarray(column) for column in columns.values()]
+    known = {name: units[name] for name in columns if name in units}
+    fields = [
+        pyarrow.field(name, pyarrow.float64(), metadata={"unit": known.get(name, "")})
+        for name in columns
+    ]
+    schema = pyarrow.schema(fields, metadata={"PANDAS_ATTRS": json.dumps({"units": known})})
     with atomic_write(path) as part, part.open("wb") as file:
-        parquet.write_table(pyarrow.table(arrays), file, compression="zstd")
+        parquet.write_table(pyarrow.table(arrays, schema=schema), file, compression="zstd")
 
 
 def write_npz(columns: Mapping[str, Floats], path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from ...analysis.run_table import RunTable
-from ...analysis.run_terms import all_columns
+from ...analysis.run_terms import all_columns, column_units
 from ...console.document import json_option, write_json
 from ...console.options import Number
 from ...console.outputs import check_output
@@ -27,7 +27,8 @@ _FILE = click.Path(path_type=Path)
     type=_FILE,
     help="CSV: one row per true state, terms and disturbance too, full precision.",
 )
-@click.option("--parquet", type=_FILE, help="Parquet: the same columns.")
+@click.option("--units", is_flag=True, help="With --csv: a header with units, such as theta [rad].")
+@click.option("--parquet", type=_FILE, help="Parquet: the same columns, units in the metadata.")
 @click.option("--npz", type=_FILE, help="NumPy archive: the same columns.")
 @click.option("--gif", type=_FILE, help="Animated picture, for slides; at most 120 s.")
 @click.option("--mp4", type=_FILE, help="The same as a film, by ffmpeg; at most 120 s.")
@@ -47,6 +48,7 @@ def command(
     ctx: click.Context,
     run: Path,
     csv: Path | None,
+    units: bool,
     parquet: Path | None,
     npz: Path | None,
     gif: Path | None,
@@ -67,6 +69,8 @@ def command(
         ctx.fail(f"give at least one of {', '.join(f'--{suffix}' for suffix in files)}")
     if topics and not mcap:
         ctx.fail("--topics is for --mcap only; tables have fixed columns")
+    if units and not csv:
+        ctx.fail("--units is for --csv only; Parquet always has them")
     if not start <= end:
         ctx.fail(f"--from {start:g} must not be after --to {end:g}")
     for suffix, output in files.items():
@@ -78,9 +82,9 @@ def command(
     if csv or parquet or npz or gif or mp4:
         table = window(all_columns(recorded, RunTable.from_run(recorded)), start, end)
         if csv:
-            write_csv(table, csv)
+            write_csv(table, csv, column_units(recorded) if units else {})
         if parquet:
-            write_parquet(table, parquet)
+            write_parquet(table, parquet, column_units(recorded))
         if npz:
             write_npz(table, npz)
         if gif or mp4:
