@@ -7,14 +7,16 @@
   const stores = () => [known.plant, known.control, known.pushes];
 
   const link = (state) => {
-    at("link").textContent = { open: "connected", closed: "no connection" }[state];
-    at("link").dataset.state = state;
-    const lost = known.run.ended || known.recorded ? "the server of this page has ended" : LOST;
-    if (state === "closed") alarm.say(lost, LOST);
-    else alarm.clear(LOST);
+    at("link").textContent = state === "open" ? "connected" : "no connection";
+    at("link").dataset.state = state === "open" ? "open" : "closed";
+    const ended = state === "ended" || known.run.ended || known.recorded;
+    const why = known.gateway.ended ? `: ${known.gateway.ended}` : "";
+    if (state === "open") alarm.clear(LOST);
+    else alarm.say(ended ? `the server of this page has ended${why}` : LOST, LOST);
   };
   const mode = () => {
     if (known.recorded) return `recording ${known.recorded.file}${known.recorded.complete ? "" : `, incomplete: ${known.recorded.end}`}`;
+    if (known.gateway.ended) return known.gateway.ended;
     if (known.run.ended) return "the run has ended";
     if (!known.run.started) return "waiting for the run to start";
     if (!known.run.acting.length && [...known.nodes.values()].some((node) => node.controller)) return "no controller acts";
@@ -54,6 +56,7 @@
       health.served();
       at("stop").hidden = !known.gateway.stoppable;
       if (known.gateway.report) location.assign(known.gateway.report);
+      if (known.gateway.ended) at("mode").textContent = mode();
     }
     if (["recorded", "node", "run", "world"].includes(kind)) at("mode").textContent = mode();
     if (["node", "declared", "run", "world"].includes(kind)) speeds();
