@@ -91,6 +91,9 @@ def test_what_a_person_does_takes_effect_and_is_recorded(
     same = children.trunk("params", "apply", "fuzzy_pid", tmp_path / "saved.yaml", "--dry-run")
     assert same.wait() == 0, same.stderr
     assert "->" not in same.stdout
+    events = "[...document.querySelectorAll('#events li')].map((one) => one.textContent)"
+    for words in ("gains.d_min 9.6 → 8.5", "gains.p_max 60 → 70"):
+        live.until(f"{events}.some((text) => text.endsWith('s  fuzzy_pid: {words}'))")
     page.click("#undo")  # the slider
     live.until("known.nodes.get('fuzzy_pid').parameters['gains.p_max'] === 60")
     other = children.trunk("params", "apply", "fuzzy_pid", tmp_path / "saved.yaml", "--dry-run")

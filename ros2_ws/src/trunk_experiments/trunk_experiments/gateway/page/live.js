@@ -4,6 +4,8 @@
   const at = (id) => document.getElementById(id);
   const LOST = "the gateway does not answer: the page keeps trying; the run goes on";
   let runs = null; // that have been started, as far as the gateway knows
+  let changes = []; // of a recording's parameters, by time
+  let count = 0; // of those that are in force at the time shown
   const stores = () => [known.plant, known.control, known.pushes];
 
   const link = (state) => {
@@ -39,6 +41,8 @@
       document.body.dataset.feed ??= "graph";
       health.anew();
       runs = null;
+      changes = [];
+      count = 0;
     } else if (kind === "recorded") {
       document.body.dataset.feed = "recorded";
       for (const store of stores()) store.forget = false;
@@ -46,6 +50,7 @@
       document.title = values.file;
       if (!values.complete) alarm.say(`incomplete: ${values.end}`);
     } else if (kind === "run") at("pause").textContent = known.run.paused ? "Resume run" : "Pause run";
+    else if (kind === "changes") changes = values.changes;
     else if (kind === "health") health.diagnosed(values);
     else if (kind === "events") {
       const begun = known.events.filter(({ event }) => event === "started").length;
@@ -69,6 +74,24 @@
     at("mode").textContent = "ending the run; its report will open here";
     view.ask("stop");
   });
+  wire.at = (time) => {
+    const after = changes.findIndex(({ t }) => t > time);
+    const now = after < 0 ? changes.length : after;
+    if (now === count) return;
+    const changed = changes.slice(Math.min(now, count), Math.max(now, count));
+    count = now;
+    for (const name of new Set(changed.map(({ node }) => node))) {
+      const node = known.nodes.get(name);
+      if (!node) continue;
+      const first = node.first ?? node.parameters;
+      const values = changes.slice(0, count).filter((change) => change.node === name).map((change) => change.values);
+      known.nodes.set(name, { ...node, first, parameters: Object.assign({}, first, ...values) });
+      knobs.show(name);
+    }
+    known.version += 1;
+    rules.show();
+    edits.show();
+  };
   const actingAt = (time) => {
     const acting = new Set();
     for (const { t, node, event } of known.events) {
