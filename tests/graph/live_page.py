@@ -21,7 +21,14 @@ _HELD = {"tip": "trunk", "hip": "hip", "ring": "reference"}
 class LivePage:
     """A page of a gateway; every wait has a condition."""
 
-    def __init__(self, browser: Any, address: str, viewport: dict[str, int] | None = None) -> None:
+    def __init__(
+        self,
+        browser: Any,
+        address: str,
+        viewport: dict[str, int] | None = None,
+        ready: bool = True,
+    ) -> None:
+        """``ready``: wait until it shows a run."""
         self.complaints: list[str] = []
         self._context = browser.new_context(viewport=viewport or SMALL)
         self._context.set_default_timeout(0)  # pytest has one
@@ -33,7 +40,8 @@ class LivePage:
         self.requests: list[str] = []
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(address)
-        self.ready()
+        if ready:
+            self.ready()
 
     def ready(self) -> None:
         """Wait until it shows a run."""

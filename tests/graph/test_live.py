@@ -13,6 +13,7 @@ import pytest
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verdict import UNJUDGED, VERIFIED
 from trunk_experiments.replay.verify import verdict_on
+from trunk_experiments.runs.domain_claim import claimed_domain
 from trunk_msgs_util import topics
 
 from .live_page import LivePage, start_live
@@ -90,6 +91,9 @@ def test_what_a_person_does_takes_effect_and_is_recorded(
     same = children.trunk("params", "apply", "fuzzy_pid", tmp_path / "saved.yaml", "--dry-run")
     assert same.wait() == 0, same.stderr
     assert "->" not in same.stdout
+    events = "[...document.querySelectorAll('#events li')].map((one) => one.textContent)"
+    for words in ("gains.d_min 9.6 → 8.5", "gains.p_max 60 → 70"):
+        live.until(f"{events}.some((text) => text.endsWith('s  fuzzy_pid: {words}'))")
     page.click("#undo")  # the slider
     live.until("known.nodes.get('fuzzy_pid').parameters['gains.p_max'] === 60")
     other = children.trunk("params", "apply", "fuzzy_pid", tmp_path / "saved.yaml", "--dry-run")
@@ -181,6 +185,40 @@ def test_in_lockstep_which_is_the_default_the_page_chooses_the_speed_and_who_act
     assert run.recording.complete, run.recording.end
     verdict = verdict_on(run)
     assert verdict.exit_code == VERIFIED, verdict
+
+
+def test_without_a_page_nobody_waits_for_the_report(
+    children: Children, peer: Peer, browser: Any, tmp_path: Path
+) -> None:
+    child, address, _ = start_live(children, "demo", "--controller", "pid", "--output", "run")
+    live = LivePage(browser, address)
+    live.page.route("**/report-*.html", lambda route: route.abort())  # it stays where it is
+    live.until("known.run.started && known.plant.count > 10")
+    live.page.click("#stop")
+    until(lambda: "waiting for the page to fetch the report" in child.stdout, "it waits")
+    assert child.process.poll() is None
+    with claimed_domain():  # for the next run
+        pass
+    live.close()
+    assert child.wait() == 0, child.stdout + child.stderr
+    assert (tmp_path / "run" / "report.html").exists()
+
+
+def test_a_run_that_is_stopped_before_it_begins_is_said_to_be_over(
+    children: Children, peer: Peer, browser: Any, tmp_path: Path
+) -> None:
+    held = ("--set", "pid.autostart=false")
+    child, address, _ = start_live(children, "demo", "--controller", "pid", *held)
+    live = LivePage(browser, address, ready=False)
+    live.until("document.getElementById('mode').textContent === 'waiting for the run to start'")
+    live.page.click("#stop")
+    live.until("document.getElementById('link').dataset.state === 'closed'")
+    why = "stopped by request before the run began"
+    assert live.page.inner_text("#alarm-text") == f"the server of this page has ended: {why}"
+    assert live.page.inner_text("#mode") == why
+    live.close()
+    assert child.wait() == 1
+    assert child.stderr == f"trunk: error: {why}\n"
 
 
 def test_a_running_graph_is_joined_and_keeps_running(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import socket
 from types import SimpleNamespace
 
@@ -11,7 +12,7 @@ import pytest
 from trunk_experiments.gateway import server
 from trunk_experiments.gateway.clients import Rate
 from trunk_experiments.gateway.page_files import PageFile
-from trunk_experiments.gateway.protocol import LONGEST, NAME
+from trunk_experiments.gateway.protocol import ENDED, LONGEST, NAME
 
 from .gateway_served import serving, words
 
@@ -39,13 +40,14 @@ def test_a_stoppable_run_is_stopped_from_the_page():
         page.write_message('{"kind": "stop", "number": 3}')
         assert (await words(page, "answer"))["ok"]
         assert served.said == ["stop"]
+        served.gateway.end("")
         served.gateway.show_report(PageFile("text/html", b"<p>report</p>"))
         told = await served.until_report(page)
         found = await served.get(told)
         assert found.body == b"<p>report</p>"
-        assert served.said == ["stop"]  # the page is still there: it may not have it yet
+        assert served.said == ["stop", "waiting"]  # the page is there: it may not have it yet
         page.close()
-        await served.until(lambda: served.said == ["stop", "shown"])
+        await served.until(lambda: served.said == ["stop", "waiting", "left"])
 
     async def until_report(page):
         while not (path := (await words(page, "gateway"))["report"]):
@@ -57,6 +59,61 @@ def test_a_stoppable_run_is_stopped_from_the_page():
         await test(served)
 
     serving(with_report, stoppable=True)
+
+
+def test_nobody_waits_for_a_page_that_was_closed_before_its_report_was_there():
+    async def test(served):
+        page = await served.connect()
+        page.write_message('{"kind": "stop", "number": 3}')
+        await served.until(lambda: served.said == ["stop"])
+        page.close()
+        await served.until(lambda: not served.gateway.clients)
+        served.gateway.end("")
+        served.gateway.show_report(PageFile("text/html", b"<p>report</p>"))
+        await served.until(lambda: served.said == ["stop", "left"])
+
+    serving(test, stoppable=True)
+
+
+def test_nobody_waits_for_a_page_that_is_closed_while_its_report_is_sent():
+    async def test(served):
+        long = PageFile("text/html", bytes(2**26))  # more than the network takes at once
+        served.gateway.end("")
+        page = await served.connect()
+        served.gateway.show_report(long)
+        while not (path := (await words(page, "gateway"))["report"]):
+            pass
+        _, report = await asyncio.open_connection("127.0.0.1", served.port)
+        report.write(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\n\r\n".encode())
+        await served.until(lambda: served.gateway.reports == 1)
+        page.close()
+        await served.until(lambda: not served.gateway.clients)
+        assert served.said == ["waiting"]
+        report.close()
+        await served.until(lambda: served.said == ["waiting", "left"])
+
+    serving(test)
+
+
+def test_a_run_that_is_over_takes_no_request_and_every_page_learns_why_it_has_no_report():
+    async def test(served):
+        page = await served.connect()
+        served.gateway.end("stopped by request before the run began")
+        page.write_message('{"kind": "reset", "number": 1}')
+        answer = await words(page, "answer")
+        assert (answer["ok"], answer["text"]) == (False, "the run is over")
+        assert served.feed.asked == []
+        leaves = asyncio.get_running_loop().create_task(served.gateway.leave())
+        told = {}
+        while (message := await page.read_message()) is not None:
+            if isinstance(message, str) and json.loads(message)["kind"] == "gateway":
+                told = json.loads(message)
+        assert told["ended"] == "stopped by request before the run began"
+        assert (told["stoppable"], told["report"]) == (False, "")
+        assert page.close_code == ENDED
+        await leaves
+
+    serving(test, stoppable=True)
 
 
 def test_one_client_pushes_at_a_time(monkeypatch):

@@ -6,12 +6,14 @@ import re
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from trunk_experiments.gateway.recorded_feed import RecordedFeed
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
@@ -111,6 +113,30 @@ def test_a_recording_is_played_sought_and_looped(watched, swapped):
     page.wait_for_function("() => view.time < 1.0")  # again from the beginning
     page.uncheck("#loop")
     page.wait_for_function("() => view.time === known.recorded.last && !view.playing")
+
+
+def test_parameters_are_those_at_the_time_shown(watched, tmp_path):
+    values = {"gains.p_max": 90.0}
+    changes = {
+        "fuzzy_pid": (Change(1_000_000_000, values), Change(2_000_000_000, {"gains.d_min": 8.5}))
+    }
+    plan = make_plan("fig8", "fuzzy_pid", everywhere={"duration": 3.0})
+    path = tmp_path / "retuned.mcap"
+    record_offline(replace(plan, changes=changes), path)
+    page = watched(path)
+    page.click("#play")
+    knobs = [page.locator(f"#gain-fuzzy_pid-gains-{name}") for name in ("p_max", "d_min")]
+    for time, shown in (("2.5", ("90", "8.5")), ("0.5", ("60", "9.6")), ("1.5", ("90", "9.6"))):
+        page.locator("#seek").fill(time)
+        page.wait_for_function(
+            "(time) => document.getElementById('time').textContent === `${time}0 s`", arg=time
+        )
+        assert tuple(knob.input_value() for knob in knobs) == shown
+    page.click("#tab-happened")
+    events = page.locator("#events li").all_inner_texts()
+    assert "1.000 s fuzzy_pid: gains.p_max 60 → 90" in [
+        re.sub(" +", " ", event) for event in events
+    ]
 
 
 def test_rules_are_hidden_while_their_parameters_are_not_known(watched, swapped):

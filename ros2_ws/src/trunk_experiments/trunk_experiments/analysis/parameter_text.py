@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
-from trunk_control.rule_tables import Axes, CellChange, cell_changes, is_table
+from trunk_control.rule_tables import Axes, CellChange, axes_of, cell_changes, is_table
 
 _LONGEST = 20  # values of an array that are listed
 _CELLS = 8  # changed cells that are named
+_NAMES = 8  # changed parameters that are named
 _GRID = 14  # rows and columns of a grid; of a larger table those with changes, as many
 
 
@@ -59,6 +60,30 @@ def change_text(before: object, after: object, axes: Axes) -> str:
         return cells_text(cell_changes(before, after), axes)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return f"{value_text(after)}, not {value_text(before)}"
+
+
+def transition_text(before: object, after: object, parameters: Mapping[str, object]) -> str:
+    """Return the change of a parameter as text: ``60 → 90``, of a rule table its changed cells.
+
+    ``parameters``: of its node, among them the labels of its tables.
+    """
+    if is_table(before):
+        return change_text(before, after, axes_of(before, parameters))  # type: ignore[arg-type]
+    return " → ".join(differing_texts((before, after)))
+
+
+def transitions_text(before: Mapping[str, object], after: Mapping[str, object]) -> str:
+    """Return the changes of a node's parameters as text: ``gains.i 2 → 3; gains.p_max 60 → 90``.
+
+    ``before``: all of them; ``after``: some, of which those that are the same are left out.
+    """
+    texts = [
+        f"{name} {transition_text(before.get(name), value, before)}"
+        for name, value in sorted(after.items())
+        if value != before.get(name)
+    ]
+    more = [f"… and {len(texts) - _NAMES} more"] if len(texts) > _NAMES else []
+    return "; ".join(texts[:_NAMES] + more)
 
 
 def change_grid(before: Sequence[str], after: Sequence[str], axes: Axes) -> list[list[str]]:

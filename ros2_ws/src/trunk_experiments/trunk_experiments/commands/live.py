@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from contextlib import closing
+from contextlib import ExitStack, closing
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,8 +18,8 @@ from ..console.document import json_option
 from ..console.outputs import check_not_read, output_options
 from ..console.page import checked_host, page_options, serve, serving_foxglove, show_address
 from ..console.plan_options import HAND, external_option, files_read, plan_of, plan_options
-from ..console.terminal import report_error
-from ..errors import GatewayError, PlanError
+from ..console.terminal import line_of, report_error
+from ..errors import GatewayError, PlanError, RunError
 from ..gateway.process import GatewayProcess
 from ..plans.given import checked_namespace
 from ..recorded.run import RecordedRun
@@ -97,7 +97,8 @@ def command(
         _attach(checked_namespace(attach), host, port, url, browser, foxglove, as_json)
         return
     check_nodes_installed()
-    click.get_current_context().with_resource(claimed_domain())
+    claim = click.get_current_context().with_resource(ExitStack())
+    claim.enter_context(claimed_domain())
     everywhere: dict[str, object] = {"duration": 0.0}
     if not paced_by_clock:
         everywhere |= {"lockstep.enabled": True, "lockstep.speed": 1.0}
@@ -140,7 +141,12 @@ def command(
                 report_error(error)
             return "stop" in heard
 
-        recording = run_graph(plan, files, lambda t: None, over=over, note=click.echo)
+        try:
+            with claim:  # not longer: who looks at the report does not keep the next run waiting
+                recording = run_graph(plan, files, lambda t: None, over=over, note=click.echo)
+        except RunError as error:
+            gateway.tell(over=line_of(error))
+            raise
         run = RecordedRun(recording)
         show_run(files, run, interrupted=not plan.simulator.duration)
         if "stop" in heard:
@@ -195,13 +201,19 @@ def _attach(
 
 
 def _show_report(gateway: GatewayProcess, run: RecordedRun, path: Path) -> None:
-    """Write the run's report, and serve it until a page has opened it, or Ctrl-C."""
+    """Write the run's report, and serve it until every page has opened it or was closed, or Ctrl-C."""
     from ..views.report import make_report
     from ..views.report_page import write
     from ..views.run_view import RunView
 
     write(make_report([RunView.read(run)]), path)
     click.echo(f"report: {path}")
-    gateway.tell(report=str(path.absolute()), over=True)
+    gateway.tell(report=str(path.absolute()), over="")
+
+    def left(word: str) -> bool:
+        if word == "waiting":
+            click.echo("waiting for the page to fetch the report; Ctrl-C ends")
+        return word == "left"
+
     with Interrupt() as interrupt:
-        serve(gateway, interrupt, lambda word: word == "shown")
+        serve(gateway, interrupt, left)

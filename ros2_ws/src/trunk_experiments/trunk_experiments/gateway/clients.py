@@ -53,9 +53,9 @@ class Client:
         if self._ignored > _TOO_MANY:
             self.send_away("too many messages")
 
-    def send_away(self, why: str) -> None:
+    def send_away(self, why: str, code: int = 1008) -> None:
         """End its connection."""
-        self._socket.close(1008, why)
+        self._socket.close(code, why)
 
     def turn(self, feed: Feed) -> None:
         """Send what is new, unless the page has not taken the last message yet."""

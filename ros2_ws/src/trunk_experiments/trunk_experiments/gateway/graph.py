@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +14,10 @@ from trunk_msgs_util.parameters.declarations import (
     build,
     declarations,
 )
-from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 
 from ..plans.nodes import NODES
+from .event_list import EventList
 from .protocol import plain
 
 if TYPE_CHECKING:
@@ -86,9 +85,7 @@ class Graph:
         self.nodes: dict[str, NodeSeen] = {}
         self.started = self.ended = self.paused = False
         self._board = board
-        self._number = 0  # of the last event
-        self._events: deque[dict[str, object]] = deque(maxlen=kept)
-        self._dropped = 0
+        self.events = EventList(kept)
 
     def node(self, name: str) -> NodeSeen:
         """Return a node; one that is not known yet is added."""
@@ -106,12 +103,17 @@ class Graph:
         return [n.name for n in self.nodes.values() if isinstance(n.config, ControllerConfig)]
 
     def parameters(self, name: str, values: Mapping[str, Any]) -> None:
-        """Take the parameters that a node reports: all at start, later those that have changed."""
+        """Take parameters that a node reports: all at start."""
         node = self.node(name)
         node.say(values)
         self._put_node(node)
         if name == "simulator":
             self._put_plant()
+
+    def change(self, name: str, stamp_ns: int, values: Mapping[str, Any]) -> None:
+        """Take those that have changed; `put_events` shows it."""
+        self.events.change(name, stamp_ns, self.node(name).values, values)
+        self.parameters(name, values)
 
     def event(self, name: str, stamp_ns: int, message: str, values: Mapping[str, str]) -> None:
         """Take a run event; `put_events` shows it."""
@@ -126,28 +128,12 @@ class Graph:
             self.started = self.started or message == Event.STARTED
             self.paused = (self.paused or message == Event.PAUSED) and message != Event.RESUMED
             self.ended = (self.ended or message in ENDS) and message != Event.STARTED
-        self._number += 1
-        if self._events and (self._events[-1]["node"], self._events[-1]["event"], message) == (
-            name,
-            message,
-            Event.RETUNED,
-        ):
-            self._events.pop()  # dragging a slider counts as one event
-        self._dropped += len(self._events) == self._events.maxlen
-        self._events.append(
-            {
-                "number": self._number,
-                "t": max(seconds(stamp_ns), 0.0),
-                "node": name,
-                "event": message,
-                "values": dict(values),
-            }
-        )
+        self.events.add(name, stamp_ns, message, values)
         self.put_run()
 
     def put_events(self) -> None:
         """Put the latest events, and how many there were before them."""
-        self._board.put("events", events=list(self._events), before=self._dropped)
+        self._board.put("events", events=self.events.as_values(), before=self.events.dropped)
 
     def diagnosed(self, name: str, level: int, message: str, values: Mapping[str, str]) -> None:
         """Take what a node reports of its health, once a second."""

@@ -157,7 +157,12 @@ class GraphFeed:
             values = {
                 parameter.name: parameter_value_to_python(parameter.value) for parameter in said
             }
-            self.graph.parameters(name, {n: _listed(v) for n, v in values.items()})
+            listed = {n: _listed(v) for n, v in values.items()}
+            if message.new_parameters:
+                self.graph.parameters(name, listed)
+            else:
+                self.graph.change(name, stamp_from_ros(message.stamp), listed)
+                self.graph.put_events()
             self.requests.meet(name)
 
     def _on_event(self, message: DiagnosticArray) -> None:

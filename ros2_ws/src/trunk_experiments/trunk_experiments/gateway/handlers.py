@@ -65,8 +65,10 @@ class PagePart(_Checked):
         self.gateway.reports += report
         if report:  # it brings its own policy, and lets nothing in or out
             self.set_header("Content-Security-Policy", "frame-ancestors 'none'")
-        await self.finish(file.data)
-        self.gateway.reports_out += report
+        try:
+            await self.finish(file.data)
+        finally:  # also where the page was closed meanwhile
+            self.gateway.reports -= report
 
 
 class PageSocket(_Checked, WebSocketHandler):

@@ -73,10 +73,10 @@ def _feed(request: dict[str, Any]) -> Feed:
 async def _listen(stdin: asyncio.StreamReader, gateway: Gateway) -> None:
     while line := await stdin.readline():
         more = json.loads(line)
+        gateway.end(more["over"])
         if "report" in more:
             gateway.show_report(report_file(Path(more["report"])))
-        if "over" in more:
-            gateway.stoppable = False
+    await gateway.leave()
 
 
 def _say(word: str) -> None:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 NAME = "trunk.live.1"  # the WebSocket's subprotocol
 LONGEST = 65_536  # bytes of a message from a page
+ENDED = 4000  # closes a WebSocket whose server will not come back
 MOST_ROWS = 4_000  # in one frame
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,12 +16,14 @@ from ..recorded.run import RecordedRun
 from .board import Board
 from .feed import PLANT, PUSHES, RefusedRequestError, Stream, put_stream
 from .graph import Graph
+from .protocol import plain
 from .rows import StreamRows
 from .streams import columns_of, with_rules
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from trunk_msgs_util.parameters.declarations import Value
     from trunk_msgs_util.recording.joint_arrays import Floats, JointArrays
 
     from .protocol import Asked
@@ -43,6 +46,7 @@ class RecordedFeed:
         for event in run.events:
             name = recording.relative(event.node)
             self._graph.event(name, event.stamp_ns, event.message, event.values)
+        self._put_changes(run)
         self._graph.put_events()
         self._add(PLANT, _plant(run.joints(topics.GROUND_TRUTH).by_stamp()))
         if run.count(topics.OPERATOR_PUSH):
@@ -76,6 +80,22 @@ class RecordedFeed:
 
     def close(self) -> None:
         """Nothing was opened."""
+
+    def _put_changes(self, run: RecordedRun) -> None:
+        """Put what was changed while the run went on, by time: the page starts with the first values."""
+        values: dict[str, dict[str, Value]] = {}
+        changes = []
+        for change in run.recording.parameter_messages()[:_EVENTS]:
+            node = run.recording.relative(change.node)
+            known = values.setdefault(node, {})
+            if change.changed:
+                self._graph.events.change(node, change.stamp_ns, known, change.changed)
+                new = {name: plain(value) for name, value in change.changed.items()}
+                t = max(change.stamp_ns / NANOSECONDS, 0.0)
+                changes.append({"t": t, "node": node, "values": new})
+            known |= change.new | change.changed
+        changes.sort(key=itemgetter("t"))
+        self.board.put("changes", changes=changes)
 
     def _add(self, name: str, values: Floats) -> None:
         put_stream(

@@ -17,7 +17,7 @@ from .clients import Client
 from .feed import Feed, RefusedRequestError
 from .handlers import PagePart, PageSocket
 from .page_files import PageFile
-from .protocol import LONGEST, UNANSWERED, Asked, BadMessageError, asked
+from .protocol import ENDED, LONGEST, UNANSWERED, Asked, BadMessageError, asked
 
 _TURN_S = 1.0 / 60.0
 _PING_S = 20.0
@@ -40,9 +40,11 @@ class Gateway:
     clients: set[Client] = field(default_factory=set)
     refused: Counter[str] = field(default_factory=Counter)
     operator: str = ""  # the client that pushes
-    reports: int = 0  # how often the report was asked for
-    reports_out: int = 0  # and how often it was sent completely
+    reports: int = 0  # that are being sent
     _report: str = ""
+    _over: bool = False
+    _last_words: str = ""
+    _said: str = ""  # of the pages that may still want the report
     _named: int = 0
     _operator_s: float = 0.0
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
@@ -74,25 +76,45 @@ class Gateway:
         """Serve feed and pages in turns, forever."""
         while True:
             begun = time.monotonic()
-            self.feed.turn()
-            self._tell()
-            if self.reports_out and self.reports_out == self.reports and not self.clients:
-                self.say("shown")  # every page has it; the parent process may now end this one
-                self.reports_out = 0
-            for client in list(self.clients):
-                client.turn(self.feed)
+            if not self._over:  # a later run in this domain is none of its business
+                self.feed.turn()
+            self._show()
+            if self._report:
+                self._say_who_waits()
             await asyncio.sleep(max(_TURN_S - (time.monotonic() - begun), 0.001))
 
     def refuse(self, reason: str) -> None:
         """Count what was refused; every page shows it."""
         self.refused[reason] += 1
 
+    def end(self, words: str) -> None:
+        """Do nothing to the graph from now on. ``words``: why the run has no report; empty: it has one."""
+        if not self._over:
+            self.feed.turn()
+        self._over, self._last_words, self.stoppable = True, words, False
+
+    async def leave(self) -> None:
+        """Tell every page that this is the end, and wait until it knows or is gone."""
+        self._show()
+        for client in list(self.clients):
+            client.send_away("the server has ended", ENDED)
+        while self.clients:  # tornado gives each that does not answer 5 s
+            await asyncio.sleep(_TURN_S)
+
     def show_report(self, file: PageFile) -> None:
         """Serve the report of the run that was ended, by a path that only the pages learn."""
         self._report = f"/report-{secrets.token_urlsafe(16)}.html"
         self.files[self._report] = file
 
-    def _tell(self) -> None:
+    def _say_who_waits(self) -> None:
+        """Say whether a page has yet to fetch the report; it leaves as the report comes, or is closed."""
+        word = "waiting" if self.clients or self.reports else "left"
+        if word != self._said:
+            self._said = word
+            self.say(word)
+
+    def _show(self) -> None:
+        """Send every page what is new."""
         self.feed.board.put(
             "gateway",
             clients=len(self.clients),
@@ -100,7 +122,10 @@ class Gateway:
             refused=dict(self.refused),
             stoppable=self.stoppable,
             report=self._report,
+            ended=self._last_words,
         )
+        for client in list(self.clients):
+            client.turn(self.feed)
 
     def joined(self, client: Client) -> None:
         """Serve a client from now on."""
@@ -155,6 +180,8 @@ class Gateway:
 
     async def _do(self, client: Client, request: Asked) -> None:
         try:
+            if self._over:
+                raise RefusedRequestError("the run is over")
             if request.kind == "push":
                 self._hold(client, request)
             if request.kind == "stop" and self.stoppable:

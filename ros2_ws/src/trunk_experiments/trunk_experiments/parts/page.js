@@ -160,6 +160,7 @@ const view = (() => {
     grip.turn();
     if (now - charted >= CHARTS_MS) {
       charted = now;
+      wire.at?.(view.time);
       rules.draw(view.time);
       strips.draw(view.time);
       const seek = at("seek");

@@ -93,7 +93,7 @@ const known = {
   health: new Map(),
   world: null,
   run: { acting: [], started: false, ended: false, paused: false },
-  gateway: { clients: 0, operator: "", refused: {}, stoppable: false, report: "" },
+  gateway: { clients: 0, operator: "", refused: {}, stoppable: false, report: "", ended: "" },
   events_before: 0, // how many there were before the first of the events
   recorded: null, // `first`, `last` in s: the run is there as a whole, to be played
   branch: null, // `at` in s: from there on the runs are a branch

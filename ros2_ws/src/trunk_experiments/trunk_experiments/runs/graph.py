@@ -125,9 +125,11 @@ def _watch(
             break  # who stops or dies now does not change the run
         ends = interrupt.name or (over() and "request")
         if ends and simulator.exit_code is None:
-            if not (monitor.started or plan.simulator.duration):
-                _hear_last_words(monitor)  # held up, we may not have heard of the start
-            if monitor.started and not plan.simulator.duration:
+            if not plan.simulator.duration:
+                if not monitor.started:
+                    _hear_last_words(monitor)  # held up, we may not have heard of the start
+                if not monitor.started:
+                    raise RunError(f"stopped by {ends} before the run began")
                 _end_first(simulator, monitor)
                 return False
             raise RunError(f"stopped by {ends}; the recording holds the run up to here")

@@ -42,9 +42,9 @@ const health = (() => {
   const IN_DEGREES = { fell: ["angle", "limit"] };
   const shown = (event, key, value) =>
     IN_DEGREES[event]?.includes(key) ? `${key} ${showNumber(Number(value) * DEGREES)}°` : `${key} ${value}`;
-  const described = ({ t, node, event, values }) => {
+  const described = ({ t, node, event, values, changed }) => {
     const more = Object.entries(values).filter(([key]) => key !== "process").map(([key, value]) => shown(event, key, value)).join(", ");
-    return `${t.toFixed(3)} s  ${node}: ${event}${more ? ` (${more})` : ""}`;
+    return `${t.toFixed(3)} s  ${node}: ${changed || event}${more ? ` (${more})` : ""}`;
   };
   const events = () => {
     list.replaceChildren(...known.events.toReversed().map((one) => {

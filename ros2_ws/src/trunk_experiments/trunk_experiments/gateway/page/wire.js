@@ -10,6 +10,7 @@ const wire = (() => {
   let socket = null;
   let number = 0;
   let wait = 250;
+  const ENDED = 4000; // the server will not come back
   const say = (kind, values) => listeners.forEach((listener) => listener(kind, values));
 
   const rows = (data) => {
@@ -55,10 +56,11 @@ const wire = (() => {
     socket.binaryType = "arraybuffer";
     socket.onopen = () => say("link", "open");
     socket.onmessage = ({ data }) => (typeof data === "string" ? words(data) : rows(data));
-    socket.onclose = () => {
-      say("link", "closed");
+    socket.onclose = ({ code }) => {
+      say("link", code === ENDED ? "ended" : "closed");
       for (const done of waiting.values()) done({ ok: false, text: "the connection was lost" });
       waiting.clear();
+      if (code === ENDED) return;
       setTimeout(open, wait);
       wait = Math.min(2 * wait, 4000);
     };
