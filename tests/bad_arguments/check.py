@@ -17,6 +17,7 @@ import sys
 import tempfile
 from collections import Counter
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,8 +39,11 @@ FINE = {
     *(("params show", file) for file in ("params.yaml", "yaml.mcap")),
     *(("study compare", file) for file in ("study.parquet", "parquet.mcap")),
     *(("paper", place) for place in (*_NEW, "folder")),
-    *(("export-c -o c", place) for place in (*_NEW, " ", "no/such/folder/x", "{input}", "pid")),
-    *(("export-c -o c", place) for place in ("-oo", "-ojson", "--force")),
+    *product(
+        ("export-c -o c", "branch --at 0.1"),  # both write into a folder
+        (*_NEW, " ", "no/such/folder/x", "-oo", "-ojson", "--force"),
+    ),
+    *(("export-c -o c", name) for name in ("{input}", "pid")),
 }
 
 

@@ -82,7 +82,10 @@ class _InOrder(click.Command):
     metavar="S",
     help="When the branches end, s.  [default: as planned]",
 )
-@output_options("The MCAP file to write; for several branches, a folder.", required=True)
+@output_options(
+    "An MCAP file to write, or a folder, in which each branch is named after what it changes.",
+    required=True,
+)
 @json_option("branch-1")
 @click.pass_context
 def command(
