@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from trunk_control.rule_tables import axes_of, is_table
 from trunk_msgs_util.parameters.declarations import Value
 from trunk_msgs_util.units import seconds
 
-from .parameter_text import change_text, differing_texts
+from .parameter_text import transition_text
 
 if TYPE_CHECKING:
     from ..recorded.run import RecordedRun
@@ -47,10 +46,7 @@ def changed_parameters(run: RecordedRun) -> list[ChangedParameter]:
         t = max(seconds(change.stamp_ns), 0.0)
         for name, after in change.changed.items():
             before = known.get(name)
-            if is_table(before) and isinstance(before, tuple):
-                words = change_text(before, after, axes_of(before, known))  # type: ignore[arg-type]
-            else:
-                words = " → ".join(differing_texts((before, after)))
+            words = transition_text(before, after, known)
             changes.append(ChangedParameter(t, node, name, before, after, words))
         known.update(change.changed)
     return sorted(changes, key=lambda change: change.t)
