@@ -62,7 +62,7 @@ def named(law: Law) -> Iterator[LawFinding]:
 
 
 def in_default_file(law: Law) -> Iterator[LawFinding]:
-    """Yield what the package's ``config/default.yaml`` sets and the law lacks, or the other way round."""
+    """Yield differences in parameters between the law and the package's ``config/default.yaml``."""
     package = sys.modules[law.config.__module__.partition(".")[0]]
     path = Path(package.__file__ or "").parent / "config" / "default.yaml"
     if not path.is_file():
