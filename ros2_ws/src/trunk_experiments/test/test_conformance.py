@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from itertools import product
+from types import ModuleType
 
 import pytest
 
@@ -115,3 +117,44 @@ def test_a_power_is_refused_with_what_to_write(tmp_path, power: str, instead: st
     assert [instead in str(one) for one in found] == ([] if instead is None else [True])
     assert all(one.check == "portable" for one in found)
     assert "x **= y" in str(list(_problems(module.into)))
+
+
+@pytest.fixture
+def default_file(tmp_path, monkeypatch):
+    """Return where the package of the honest law has its default file."""
+    package = ModuleType("package_of_honest")
+    package.__file__ = str(tmp_path / "__init__.py")
+    monkeypatch.setitem(sys.modules, "package_of_honest", package)
+    monkeypatch.setattr(HONEST.config, "__module__", "package_of_honest.law")
+    (tmp_path / "config").mkdir()
+    return tmp_path / "config" / "default.yaml"
+
+
+DEFAULTS = "/**/honest:\n  ros__parameters:\n    "
+
+
+@pytest.mark.parametrize(
+    ("values", "problems"),
+    [
+        ("{update_rate: 200.0, gain: 40.0}", {}),
+        ("{gain: 41.0}", {"has gain: 41.0, the law's default is 40.0": True}),
+        (
+            "{gains: 40.0}",
+            {
+                "sets gains, which the law does not declare": False,
+                "lacks gain, default 40.0": False,
+            },
+        ),
+    ],
+    ids=["same", "value", "renamed"],
+)
+def test_a_default_file_that_went_stale_is_found(default_file, values, problems):
+    default_file.write_text(f"{DEFAULTS}{values}\n")
+    found = list(BY_NAME["defaults"].run(HONEST))
+    assert {finding.problem: finding.note for finding in found} == problems
+    assert {finding.function for finding in found} <= {str(default_file)}
+
+
+def test_a_default_file_that_cannot_be_read_is_found(default_file):
+    default_file.write_text("{")
+    assert [finding.note for finding in BY_NAME["defaults"].run(HONEST)] == [False]

@@ -150,9 +150,13 @@ def test_the_push_is_one_besides_the_scenario_s(command_says, monkeypatch):
     assert "push from 0 to 1000 N" in out
     assert "pulses: 1.745 rad on trunk_position, for 0.1 s each, from t = 1, 5 s" in out
     assert "push: on hip_effort, for 0.05 s, from t = 3 s" in out
-    _, out, _ = command_says(*words, "--json")
+    table = ["disturbance.table.times=[0, 1]", "disturbance.table.values=[0, 1]"]
+    used = [
+        word for value in (*table, "disturbance.pulse.start_times=[]") for word in ("--set", value)
+    ]
+    _, out, _ = command_says(*words, *used, "--json")  # the push is in the pulses
     values = json.loads(out)
-    assert (values["parameter"], values["unit"]) == ("push", "N")
+    assert (values["parameter"], values["unit"], values["pulses"]) == ("push", "N", None)
     assert values["push"] == {"channel": "hip_effort", "start": 3.0, "duration": 0.05}
 
 

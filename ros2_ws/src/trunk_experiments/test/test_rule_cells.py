@@ -118,7 +118,7 @@ def test_a_later_table_takes_the_place_of_an_earlier_cell(tmp_path):
         ),
         ("rules.kd.ZO.ZO=2.0", ParameterFileError, "or numbers from 0 to 1"),
         ("rules.kd.ZO.ZO=[S]", ParameterFileError, "a label, or a number"),
-        ("rules.kd.ZO=S", ParameterFileError, "did you mean 'rules.kd'?"),
+        ("rules.kd.ZO=S", ParameterFileError, "has a column too: rules.kd.ZO.COLUMN"),
         ("reference.values.ZO.ZO=S", ParameterFileError, "no such parameter"),
     ],
 )

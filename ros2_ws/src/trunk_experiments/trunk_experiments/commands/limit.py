@@ -124,11 +124,13 @@ def command(
     last, first = (_end(make, names[0], vary, *end) for end in (("--to", high), ("--from", low)))
     pushed = None if push is None else parse_push(valued(push, low), 0.0)
     title = vary or "push"
+    others = first if last.disturbance is None else last
     if pushed is not None:
         bounds, unit = _numbers(low, high, UNITS[pushed.channel])
+        others = make_plan(str(scenario), names[0], params, settings)
     else:
         bounds, unit = _range({**first.configs, **last.configs}, title, low, high)
-    conditions = conditions_of(first if last.disturbance is None else last, {title}, pushed)
+    conditions = conditions_of(others, {title}, pushed)
     if output is not None:
         if output.exists() and not output.is_dir():
             raise PlanError(f"--output {output}: a file: give a folder for the recordings")

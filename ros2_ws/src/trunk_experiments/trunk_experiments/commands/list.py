@@ -26,7 +26,7 @@ _SHOWN = {
     "steady_state_error_rms_deg": "RMS, °",
     "iae": "IAE",
 }
-UNJUDGED = "unjudged"  # nobody has looked
+UNJUDGED = "unjudged"  # not recomputed here, whoever verified it before
 _REFUTED = ("diverges", "not signed")  # words of a verdict
 
 
@@ -133,8 +133,9 @@ def _verdict(path: Path) -> str:
 def runs(ctx: click.Context, folder: Path, judge: bool, as_json: bool) -> None:
     """List the recordings below FOLDER (default: the current one), newest first, with their main metrics.
 
-    FELL, LATE or INCOMPLETE before a run's numbers says why it is doubtful. The verdict is "unjudged"
-    without --verify; with it, the exit code is 1 if a run diverges.
+    FELL, LATE or INCOMPLETE before a run's numbers says why it is doubtful. Without --verify
+    nothing is recomputed, and the verdict is "unjudged", also of runs that were verified before; with it, the
+    exit code is 1 if a run diverges.
     """
     entries = [listed(path, judge) for path in recordings_in(folder)]
     entries.sort(key=lambda entry: entry.started, reverse=True)

@@ -13,7 +13,7 @@ from trunk_control.laws import law_named
 
 from .behaviour import finite_always, holds, pure, quick, types, within_limits
 from .changes import keeps_time, reconfigures, reset, transfers
-from .declared import bounded, named
+from .declared import bounded, in_default_file, named
 from .finding import LawCheck, LawFinding
 from .runs import compiles, exports, recomputes
 from .sources import portable_source, pure_source
@@ -22,6 +22,7 @@ __all__ = ["CHECKS", "LawCheck", "LawFinding", "conformance", "findings_of"]
 
 CHECKS = (
     LawCheck("declared", "its parameters have descriptions, bounds and units", bounded),
+    LawCheck("defaults", "config/default.yaml, if any, has its parameters", in_default_file),
     LawCheck("names", "no term has the name of a field that every record has", named),
     LawCheck("types", "an update returns what is declared", types),
     LawCheck("source", "no state, clock, randomness or file in its source", pure_source),

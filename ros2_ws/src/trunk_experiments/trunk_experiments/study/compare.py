@@ -11,6 +11,7 @@ import numpy as np
 
 from trunk_msgs_util.recording.joint_arrays import Floats
 
+from ..analysis.metrics import QUANTITIES
 from ..errors import StudyError
 from .intervals import Estimate, mean_interval
 from .results import METRICS, Results
@@ -42,16 +43,23 @@ class MeanDifference:
         return Estimate(self.mean, self.low, self.high)
 
     @property
+    def judged(self) -> bool:
+        """False for a metric of which a smaller value is not a better one, such as the smallest angle."""
+        return self.metric not in QUANTITIES or QUANTITIES[self.metric].judged
+
+    @property
     def verdict(self) -> str:
-        """Return in words what the interval shows."""
+        """Return in words what the interval shows; of a metric that is not judged, nothing."""
+        if not self.judged:
+            return "not judged"
         if not self.low <= self.high:
             return "too few pairs"
         return f"{self.smaller_one} smaller" if self.smaller_one else "no difference shown"
 
     @property
     def smaller_one(self) -> str:
-        """The controller whose value the interval shows to be smaller; empty: none."""
-        if not self.low <= self.high or self.low <= 0.0 <= self.high:
+        """The controller whose value the interval shows to be smaller; empty: none, or not judged."""
+        if not self.judged or not self.low <= self.high or self.low <= 0.0 <= self.high:
             return ""
         return self.first if self.high < 0.0 else self.second
 

@@ -76,12 +76,12 @@ def find_limit(
                 raise PlanError(f"{value:g}: {run.refused}")
             tried[value] = stood(run, plan)
         progress(len(tried))
-        way = sorted(tried, reverse=last < first)
-        count = next((k for k, value in enumerate(way) if not tried[value]), len(way))
-        stands = way[count - 1] if count else None
-        falls = way[count] if count < len(way) else None
+        ordered = sorted(tried, reverse=last < first)
+        count = next((k for k, value in enumerate(ordered) if not tried[value]), len(ordered))
+        stands = ordered[count - 1] if count else None
+        falls = ordered[count] if count < len(ordered) else None
         if falls is None or stands is None or abs(falls - stands) <= within:
-            again = tuple(value for value in way[count:] if tried[value])
+            again = tuple(value for value in ordered[count:] if tried[value])
             return Bracket(stands, falls, again, len(tried))
         values = np.linspace(stands, falls, LANES + 2)[1:-1].tolist()
 
@@ -89,7 +89,7 @@ def find_limit(
 def conditions_of(
     plan: RunPlan, varied: Collection[str], push: Push | None = None
 ) -> dict[str, Any]:
-    """Return what else decides a limit: the plan's pulses, the push whose value varies, when a run stands.
+    """Return the other conditions of a limit: the plan's pulses, the push that varies, when a run stands.
 
     SI units and radians; None for what varies, ``NODE.PARAM`` in ``varied``.
     """

@@ -207,7 +207,10 @@ def is_qos_override(name: str) -> bool:
 
 def unknown_name(name: str, known: Iterable[str]) -> str:
     """Return the message for a name that nothing declares."""
-    close = get_close_matches(name, list(known), n=1)
+    known = list(known)
+    if name.startswith("rules.") and name.rpartition(".")[0] in known:
+        return f"no such parameter; a cell of a table has a column too: {name}.COLUMN"
+    close = get_close_matches(name, known, n=1)
     advice = f"did you mean {close[0]!r}?" if close else "trunk params lists them all"
     return f"no such parameter; {advice}"
 

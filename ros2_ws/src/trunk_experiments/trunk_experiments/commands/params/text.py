@@ -36,6 +36,8 @@ def allowed_text(declaration: Declaration) -> str:
     if declaration.longest is not None:
         least = f"{declaration.shortest} to" if declaration.shortest else "up to"
         size = f"{least} {declaration.longest} values"
+    if declaration.table:
+        return f"{size}; one cell: {declaration.name}.ROW.COLUMN"
     each = ", ".join(declaration.choices) or declaration.bounds()
     if declaration.kind == "bool":
         each = "true, false"

@@ -37,6 +37,7 @@ _INDENT = "  "  # before a controller, below its metric
 _FALLS = ("controller", "fell", "share", "95 %", "not run")
 _STOOD = ("where it stood", "runs", "mean [95 %]", "median [95 %]")
 _PAIRS = ("first - second", "left out", "mean [95 %]", "smaller")
+_UNSHOWN = {"too few pairs": "too few", "not judged": "not judged"}
 _BINS = ("where it stood", "from", "runs", "to")
 
 
@@ -155,7 +156,7 @@ def _tables(compared: Compared) -> list[tuple[str, Row, list[Row]]]:
     return [
         ("how often it fell [95 %: Wilson]", _FALLS, list(map(_fall_cells, compared.falls))),
         (
-            f"mean and median, |error| [95 %: percentile bootstrap, {RESAMPLES} resamples]",
+            f"mean and median, errors unsigned [95 %: percentile bootstrap, {RESAMPLES} resamples]",
             _STOOD,
             _by_metric(stood),
         ),
@@ -196,7 +197,7 @@ def _cells(spread: MetricDistribution) -> Row:
 
 def _pair(d: MeanDifference) -> Row:
     mean = estimate_text(d.mean_with_bounds)
-    smaller = d.smaller_one or ("too few" if d.pairs < 2 else "not shown")
+    smaller = d.smaller_one or _UNSHOWN.get(d.verdict, "not shown")
     return f"{d.first} - {d.second}", f"{d.left_out}/{d.left_out + d.pairs}", mean, smaller
 
 
