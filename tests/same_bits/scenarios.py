@@ -142,6 +142,9 @@ SCENARIOS = {
     ),
     "a fall": Scenario("fig7", "pid", 1.2),
     "an end by a fall": Scenario("fig8", "pid", 10.0, _FALL),
+    "a fall in the first state": Scenario(
+        "demo", "pid", 0.5, ("simulator.fall.stop=true", "simulator.fall.angle=0.5")
+    ),
     "divergence": Scenario("fig6", "pid", 2.0, ("pid.gains.d=5000",)),
     "changes": Scenario(
         *("demo", "fuzzy_pid", 1.5),

@@ -27,7 +27,12 @@ PLANS: dict[str, Callable[[], RunPlan]] = {
 ONE_CALL = {"batch", "lanes", "c"}
 NOT_TAKEN = {
     **{name: {"lanes"} for name in PLANS if "links" in name or "random" in name},
-    **{name: {"lanes"} for name in ("swaps", "an end by a fall", "a sensor that always fails")},
+    **{
+        name: {"lanes"}
+        for name, scenario in SCENARIOS.items()
+        if scenario.swaps or "simulator.fall.stop=true" in scenario.settings
+    },
+    "a sensor that always fails": {"lanes"},
     **{name: ONE_CALL for name, one in SCENARIOS.items() if one.changes or one.references},
     "divergence": {"recorded", "like", "branch", "lanes"},
 }

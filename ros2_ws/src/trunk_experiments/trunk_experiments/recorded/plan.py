@@ -34,9 +34,11 @@ def plan_of(run: RecordedRun, in_time: bool = False) -> RunPlan:
         raise RecordingError(f"{run.path}: it cannot be run again: {reason}")
     controllers, states = run.controllers, run.count(topics.GROUND_TRUTH)
     simulator = run.config("simulator")
+    if states > 1 or not simulator.fall_stop:  # otherwise a fall ends it in the first state again
+        simulator = replace(simulator, duration=seconds((states - 1) * simulator.period_ns))
     plan = RunPlan(
         scenario=run.recording.provenance.get("scenario", ""),
-        simulator=replace(simulator, duration=seconds((states - 1) * simulator.period_ns)),
+        simulator=simulator,
         controllers={name: run.config(name) for name in controllers},
         disturbance=run.config("disturbance") if "disturbance" in run.parameters else None,
         recorder=RecorderConfig(controllers=tuple(controllers)),
