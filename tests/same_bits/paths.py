@@ -62,7 +62,9 @@ def _compiled(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Itera
 
 
 def _like(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[RecordedRun]:
-    """From the recording: `trunk simulate --like`."""
+    """From the recording: `trunk simulate --like`, which leaves out a controller that never acted."""
+    if set(plan.controllers) - set(run.controllers):
+        return
     record_offline(run.plan(), folder / "like.mcap", overwrite=True)
     yield RecordedRun.open(folder / "like.mcap")
 
