@@ -14,6 +14,9 @@ trap 'rm -rf "$folder"' EXIT
 bash scripts/install.sh python requirements/mutants.txt "$folder/log" --target "$folder/tool"
 mkdir "$folder/tree"
 git ls-files -coz --exclude-standard --deduplicate | xargs -0 cp --parents -t "$folder/tree"
+git -C "$folder/tree" init -q # a recording without a commit is a finding
+git -C "$folder/tree" add -A
+git -C "$folder/tree" -c user.name=copy -c user.email=copy@localhost commit -qm copy
 
 for package in "$folder"/tree/ros2_ws/src/*/; do # before the built packages, which link to the checkout
     PYTHONPATH=${package%/}:$PYTHONPATH

@@ -7,6 +7,7 @@ import re
 import pytest
 
 from trunk_control import rule_tables
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.rule_tables import (
     FRACTION,
     INPUT_LABELS,
@@ -21,6 +22,7 @@ from trunk_control.rule_tables import (
     input_labels,
     is_table,
 )
+from trunk_msgs_util.parameters.declarations import ParameterError, build, with_cells
 
 TABLES = {
     "kp": rule_tables.KP_AS_PRINTED,
@@ -212,3 +214,35 @@ def test_labels_that_are_given_are_checked():
         input_labels(("N", "N"), 2, "E")
     assert rule_tables.STANDARD_LABELS[9][::4] == ("NVB", "ZO", "PVB")
     assert (rule_tables.GAIN_LABELS, rule_tables.GAIN_CENTERS) == (("S", "B"), (0.0, 1.0))
+
+
+ONE_LABEL = {"rules.kp": ("S S S",) * 3, "rules.kd": ("S S S",) * 3, "rules.alpha": ("S S S",) * 3}
+THREE = {"fuzzy.error_peaks": (-1.0, 0.0, 1.0), "fuzzy.rate_peaks": (-1.0, 0.0, 1.0), **ONE_LABEL}
+
+
+def test_one_label_with_one_center_is_a_base():
+    one = {"fuzzy.kp_labels": ("S",), "fuzzy.kp_centers": (0.5,)}
+    config = build(FuzzyPidConfig, {**THREE, **one})
+    assert config.tables[0].centers == {"S": 0.5}
+    assert config.axes.error == ("N", "ZO", "P")  # nobody gave any
+
+
+@pytest.mark.parametrize(
+    ("values", "name"),
+    [
+        ({"fuzzy.kp_labels": (), "fuzzy.kp_centers": ()}, "fuzzy.kp_labels"),
+        ({"fuzzy.kp_centers": ()}, "fuzzy.kp_centers"),
+    ],
+)
+def test_no_label_and_no_center_are_refused_by_their_own_length(values, name):
+    with pytest.raises(ParameterError, match=re.escape(name)) as refused:
+        build(FuzzyPidConfig, {**THREE, **values})
+    assert "1 to 64" in str(refused.value)
+
+
+def test_one_cell_is_a_parameter_of_its_table():
+    config = build(FuzzyPidConfig, with_cells(FuzzyPidConfig, {"rules.kp.ZO.ZO": "S"}))
+    kp, _, alpha = config.tables
+    assert kp.cells[3] == ("S", "S", "S", "S", "S", "S", "S")
+    assert (kp.symbol, kp.title) == ("Kp'", "Kp′")
+    assert (alpha.symbol, alpha.title) == ("alpha", "α")
