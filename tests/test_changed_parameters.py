@@ -11,6 +11,7 @@ import pytest
 
 from trunk_experiments import api
 from trunk_experiments.analysis.changed_parameters import changed_parameters, lines_of
+from trunk_experiments.analysis.parameter_text import transition_text, value_text
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
@@ -70,6 +71,14 @@ def test_a_difference_between_runs_names_what_was_changed_in_one(
     assert diff(plain, changed).parameters == [f"{line}, in B alone" for line in LINES]
     assert diff(changed, plain).parameters == [f"{line}, in A alone" for line in LINES]
     assert diff(changed, changed).parameters == []
+
+
+@pytest.mark.parametrize("after", [(1.0, 2.0), ("B",), (), 1, None])
+def test_a_table_that_becomes_something_else_is_shown_as_it_is(after: object) -> None:
+    """In a file that no node of ours wrote."""
+    assert transition_text(("B B", "S S"), after, {"fuzzy.error_labels": 3}) == (
+        f"2 × 2 cells → {value_text(after)}"
+    )
 
 
 @pytest.mark.parametrize(

@@ -199,6 +199,8 @@ def test_what_is_a_table(value, expected):
 def test_labels_that_do_not_fit_give_way_to_the_usual_ones():
     given = {"fuzzy.error_labels": ["low", "high"], "fuzzy.rate_labels": ["a", "b"]}
     assert axes_of(("A B C", "A B C"), given) == Axes(("low", "high"), ("N", "ZO", "P"))
+    strange = {"fuzzy.error_labels": 3, "fuzzy.rate_labels": "ab"}  # of a file that is not ours
+    assert axes_of(("A B", "A B"), strange) == axes_of(("A B", "A B"), {})
     assert axes_of(("A B", "A B"), {}) == Axes(("E1", "E2"), ("R1", "R2"))
 
 
@@ -221,8 +223,8 @@ THREE = {"fuzzy.error_peaks": (-1.0, 0.0, 1.0), "fuzzy.rate_peaks": (-1.0, 0.0, 
 
 
 def test_one_label_with_one_center_is_a_base():
-    one = {"fuzzy.kp_labels": ("S",), "fuzzy.kp_centers": (0.5,)}
-    config = build(FuzzyPidConfig, {**THREE, **one})
+    single = {"fuzzy.kp_labels": ("S",), "fuzzy.kp_centers": (0.5,)}
+    config = build(FuzzyPidConfig, {**THREE, **single})
     assert config.tables[0].centers == {"S": 0.5}
     assert config.axes.error == ("N", "ZO", "P")  # nobody gave any
 

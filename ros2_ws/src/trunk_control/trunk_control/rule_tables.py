@@ -195,8 +195,10 @@ def axes_of(rows: Sequence[str], parameters: Mapping[str, Any]) -> Axes:
     """Return the labels of a table, for display: its node's where they fit, else the usual ones."""
 
     def labels(axis: str, count: int, letter: str) -> tuple[str, ...]:
-        given = parameters.get(f"fuzzy.{axis}_labels", ())
-        return tuple(given) if len(given) == count else input_labels((), count, letter)
+        given = parameters.get(f"fuzzy.{axis}_labels")
+        if isinstance(given, tuple | list) and len(given) == count:
+            return tuple(map(str, given))
+        return input_labels((), count, letter)
 
     return Axes(labels("error", len(rows), "E"), labels("rate", len(rows[0].split()), "R"))
 

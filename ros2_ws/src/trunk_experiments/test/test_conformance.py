@@ -150,9 +150,9 @@ DEFAULTS = "/**/honest:\n  ros__parameters:\n    "
 )
 def test_a_default_file_that_went_stale_is_found(default_file, values, problems):
     default_file.write_text(f"{DEFAULTS}{values}\n")
-    found = list(BY_NAME["defaults"].run(HONEST))
-    assert {finding.problem: finding.note for finding in found} == problems
-    assert {finding.function for finding in found} <= {str(default_file)}
+    findings = list(BY_NAME["defaults"].run(HONEST))
+    assert {finding.problem: finding.note for finding in findings} == problems
+    assert {finding.function for finding in findings} <= {str(default_file)}
 
 
 def test_a_default_file_that_cannot_be_read_is_found(default_file):

@@ -24,7 +24,7 @@ def retune(graph, stamp_ns, values, topics=(Graph.event, Graph.change)):
 def listed(graph):
     graph.put_events()
     (said,) = (json.loads(t) for t in graph._board.texts() if json.loads(t)["kind"] == "events")
-    return [(one["t"], one["changed"]) for one in said["events"]]
+    return [(event["t"], event["changed"]) for event in said["events"]]
 
 
 @pytest.fixture

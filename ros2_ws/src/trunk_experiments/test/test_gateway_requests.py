@@ -104,12 +104,12 @@ def test_a_run_that_is_over_takes_no_request_and_every_page_learns_why_it_has_no
         assert (answer["ok"], answer["text"]) == (False, "the run is over")
         assert served.feed.asked == []
         leaves = asyncio.get_running_loop().create_task(served.gateway.leave())
-        told = {}
+        last = {}
         while (message := await page.read_message()) is not None:
             if isinstance(message, str) and json.loads(message)["kind"] == "gateway":
-                told = json.loads(message)
-        assert told["ended"] == "stopped by request before the run began"
-        assert (told["stoppable"], told["report"]) == (False, "")
+                last = json.loads(message)
+        assert last["ended"] == "stopped by request before the run began"
+        assert (last["stoppable"], last["report"]) == (False, "")
         assert page.close_code == ENDED
         await leaves
 

@@ -67,7 +67,7 @@ def transition_text(before: object, after: object, parameters: Mapping[str, obje
 
     ``parameters``: of its node, among them the labels of its tables.
     """
-    if is_table(before):
+    if is_table(before) and is_table(after):
         return change_text(before, after, axes_of(before, parameters))  # type: ignore[arg-type]
     return " → ".join(differing_texts((before, after)))
 
