@@ -26,6 +26,7 @@ from trunk_experiments.export_c.closed_loop import closed_loop
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.runs.loop_inputs import check_compilable, states_of
 from trunk_experiments.runs.schedule import Schedule
+from trunk_msgs_util.recording.joint_arrays import Integers
 
 from ..finished import finished
 
@@ -38,9 +39,18 @@ def loop_and_arguments(plan: RunPlan) -> tuple[Any, tuple[Any, ...]]:
     surroundings, state, participants = start_of_loop(plan)
     history = np.empty((plan.simulator.delay_steps + 1, 4))
     out = np.empty((ROWS, states))
-    rest = (_noise(plan, states), history, Schedule(), out)
+    rest = (_noise(plan, states), history, Schedule(stamp_ns=jittered_stamps(plan, states)), out)
     loop = loop_of(*(law_named(name) for name in plan.controllers))
     return loop, (states, surroundings, state, participants, *rest)
+
+
+def jittered_stamps(plan: RunPlan, states: int) -> Integers | None:
+    """Return stamps as of a robot's clock, off by up to a tenth of a period, for every third random plan."""
+    if plan.simulator.seed % 3:
+        return None
+    period_ns = plan.simulator.period_ns
+    off = np.random.default_rng(plan.simulator.seed).integers(0, period_ns // 5, states)
+    return np.arange(states) * period_ns + off
 
 
 def table_in_c(plan: RunPlan, folder: Path) -> tuple[Any, bool]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 import struct
 import time
 from pathlib import Path
@@ -24,7 +25,7 @@ PERIOD = 0.005  # s
 
 
 class Robot:
-    """An arm on a hinge: other joint names, wall-clock stamps, no velocities, default QoS.
+    """An arm on a hinge: other joint names, stamps of a clock that jitters, no velocities, default QoS.
 
     Two broadcasters share the topic, and an instant's stamp.
     """
@@ -34,7 +35,7 @@ class Robot:
         self.angle, self.rate, self.torque = 0.2, 0.0, 0.0
         self.states = peer.node.create_publisher(JointState, topics.JOINT_STATES, 10)
         self.commands = 0
-        self.now_ns = time.time_ns()
+        self.now_ns, self.jitter = time.time_ns(), random.Random(1)
         self.answers = peer.node.create_subscription(
             JointState, topics.EFFORT_COMMAND, self._on_command, 10
         )
@@ -47,11 +48,12 @@ class Robot:
         self.rate += PERIOD * (20.0 * math.sin(self.angle) + self.torque) / 4.0
         self.angle += PERIOD * self.rate
         self.now_ns += round(PERIOD * 1e9)
+        stamp_ns = self.now_ns + self.jitter.randint(-50_000, 50_000)
         for state in (
             JointState(name=["gripper"], position=[0.02]),
             JointState(name=["wheel", "arm"], position=[1.0, self.angle], **self.unmeasured),
         ):
-            state.header.stamp.sec, state.header.stamp.nanosec = divmod(self.now_ns, 10**9)
+            state.header.stamp.sec, state.header.stamp.nanosec = divmod(stamp_ns, 10**9)
             self.states.publish(state)
 
 
@@ -76,7 +78,6 @@ def test_commands_to_another_robot_are_judged(
         "gains.i:=0.0",
         "gains.d:=30.0",
         "derivative_mode:=error",
-        "update_rate:=1000.0",
     )
     pid = children.node("pid", "joint:=arm", *gains)
     peer.until(lambda: robot.states.get_subscription_count() == 2, "the controller listens too")
@@ -91,6 +92,7 @@ def test_commands_to_another_robot_are_judged(
     assert abs(robot.angle) < 0.05, robot.angle
     peer.until_received(robot.states)
     peer.until_recorded(4 * 400)  # two messages, a command and its terms for each step
+    assert peer.fresh_diagnostics("pid")["states skipped, no update due"] == "0"
     assert [pid.stop(), recorder.stop()] == [0, 0]
 
     path = tmp_path / "run.mcap"

@@ -92,8 +92,6 @@ def settings_of(config: ControllerConfig, law: Law | None = None) -> Settings:
         config.reference,
         config.active_times_ns,
         config.period_ns,
-        # Periods are rounded to whole ns: n plant periods may be a few ns shorter than one of ours.
-        config.period_ns - config.period_ns // 1000,
         config.handover_step,
         config.max_gap_periods * config.period_ns if config.max_gap_periods else LAST_STAMP_NS,
     )

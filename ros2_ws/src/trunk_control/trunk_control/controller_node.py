@@ -42,7 +42,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self._controller.deactivate()
         self._inputs = Inputs(self.config, self.refuse)
         self._commensurate_known = False
-        self._updates = 0
+        self._updates = self._skipped = 0
         self._diagnosed = (time.monotonic(), 0)
         self._looked_at_ns = -1
 
@@ -106,6 +106,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             return
         if output.held:
             self.counters["updates held: the law gave no finite number"] += 1
+        self._skipped += not (output.updated or output.held)
         if output.updated or self.config.lockstep:
             self._publish(stamp_ns, reading.position, output)
 
@@ -190,13 +191,14 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self.get_logger().info(f"ended: {self._updates} commands given{until}{counted}")
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the last state's time in s and the achieved update rate."""
+        """Return the last state's time in s, the achieved update rate, and how many states got no update."""
         now = time.monotonic()
         before, updates = self._diagnosed
         self._diagnosed = (now, self._updates)
         return {
             "time": f"{seconds(max(self.run_stamp_ns, 0)):.3f}",
             "rate": f"{(self._updates - updates) / max(now - before, 1e-9):.1f}",
+            "states skipped, no update due": self._skipped,
         }
 
 

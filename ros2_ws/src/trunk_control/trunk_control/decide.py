@@ -1,8 +1,8 @@
 """One step of a controller as a pure function: *decide* how to answer a state.
 
-A controller has no clock: it goes by the stamps of the states, updates at most at its ``update_rate``
-and holds its command in between. If it becomes active while the plant moves, its transfer is bumpless:
-its integral is set so that its first command equals the torque already acting.
+A controller has no clock: it goes by the stamps of the states, updates at its ``update_rate``, each time in
+the state nearest to the due instant, and holds its command in between. If it becomes active while the plant
+moves, its transfer is bumpless: its integral is set so that its first command equals the torque that acts.
 
 Turns, due instants, time steps, the reference, transfer and holding are all handled here. The nodes, the
 offline run, the replay and the compiled loop compose this function and add no arithmetic. Several
@@ -51,7 +51,6 @@ class Settings(NamedTuple):
     profile: ReferenceProfile
     turns_ns: Sequence[int]  # active from the 1st, inactive from the 2nd, ...; empty: always active
     period_ns: int
-    due_after_ns: int  # an update is due this long after the last
     handover_step: float  # N m
     gap_ns: int  # longer without a state: start afresh
 
@@ -62,6 +61,7 @@ class Pace(NamedTuple):
     active: bool
     begun: bool  # an update has been made since the last reset
     updated_ns: int  # when
+    due_ns: int  # when the next one is due
     seen: Seen
 
 
@@ -100,7 +100,7 @@ _NO_TRANSFER = Transfer(False, Seen(-1, 0.0), False, 0.0)
 
 def initial_state(active: bool, seen: Seen, initial: LawMemory) -> ControllerState:
     """Return the state after a reset: the law's memory is the ``initial`` one, there is no past."""
-    return ControllerState(initial, _SAMPLE, Pace(active, False, 0, seen), _NO_TRANSFER)
+    return ControllerState(initial, _SAMPLE, Pace(active, False, 0, 0, seen), _NO_TRANSFER)
 
 
 def activated(state: ControllerState, initial: LawMemory) -> ControllerState:
@@ -112,21 +112,21 @@ def activated(state: ControllerState, initial: LawMemory) -> ControllerState:
     if state.pace.active:
         return state
     seen = state.pace.seen
-    pace, transfer = Pace(True, False, 0, seen), Transfer(seen.stamp_ns >= 0, seen, False, 0.0)
+    pace, transfer = Pace(True, False, 0, 0, seen), Transfer(seen.stamp_ns >= 0, seen, False, 0.0)
     return ControllerState(initial, _SAMPLE, pace, transfer)
 
 
 def deactivated(state: ControllerState) -> ControllerState:
     """Return the state of a controller that leaves the plant to another."""
-    memory, sample, (_, begun, updated_ns, seen), transfer = state
-    return ControllerState(memory, sample, Pace(False, begun, updated_ns, seen), transfer)
+    memory, sample, (_, begun, updated_ns, due_ns, seen), transfer = state
+    return ControllerState(memory, sample, Pace(False, begun, updated_ns, due_ns, seen), transfer)
 
 
 def followed(state: ControllerState, stamp_ns: int, position: float) -> ControllerState:
     """Return the state after one of the plant that was seen but not answered."""
-    memory, sample, (active, begun, updated_ns, _), transfer = state
+    memory, sample, (active, begun, updated_ns, due_ns, _), transfer = state
     seen = Seen(stamp_ns, position)
-    return ControllerState(memory, sample, Pace(active, begun, updated_ns, seen), transfer)
+    return ControllerState(memory, sample, Pace(active, begun, updated_ns, due_ns, seen), transfer)
 
 
 def reconfigured(
@@ -184,6 +184,29 @@ def turn(times_ns: Sequence[int], before_ns: int, stamp_ns: int) -> int:
     return 1 if active_at(times_ns, stamp_ns) else -1
 
 
+def states_per_update(step_ns: int, period_ns: int) -> int:
+    """Return which state after an update is nearest to the next due instant, for states ``step_ns`` apart.
+
+    The earlier of two that are equally near. 0: the ratio of the rates is not whole within 1 %.
+    """
+    states = (2 * period_ns + step_ns - 1) // (2 * step_ns)
+    return states if 100 * abs(states * step_ns - period_ns) <= period_ns else 0
+
+
+def next_due(pace: Pace, stamp_ns: int, period_ns: int) -> int:
+    """Return when an update is due after the one at a stamp.
+
+    Due instants follow one another at the set rate. An update starts them anew where it is the first, where
+    it comes more than half a period late, and where the ratio of the rates is whole: another clock that
+    runs a little faster or slower than ours then neither loses a state nor gets a second update.
+    """
+    step_ns = stamp_ns - pace.seen.stamp_ns
+    late = 2 * (stamp_ns - pace.due_ns) > period_ns
+    if not pace.begun or late or (step_ns > 0 and states_per_update(step_ns, period_ns) > 0):
+        return stamp_ns + period_ns
+    return pace.due_ns + period_ns
+
+
 def decide(
     state: ControllerState,
     reading: Reading,
@@ -203,18 +226,19 @@ def decide(
         c = activated(c, s.initial)
     elif change < 0:
         c = deactivated(c)
-    active, begun, updated_ns, seen = c.pace
+    active, begun, updated_ns, due_ns, seen = c.pace
     if not active:
         c = followed(c, r.stamp_ns, r.position)
         return c, Output(False, c.memory.effort, False, False, 0.0, s.no_terms)
     if after_gap(seen, r.stamp_ns, s) or (begun and r.stamp_ns < updated_ns):
         c = initial_state(True, seen, s.initial)
-        _, begun, updated_ns, _ = c.pace
+        _, begun, updated_ns, due_ns, _ = c.pace
     if s.profile.kind == TOPIC and r.has_reference:
         reference = r.reference
     else:
         reference = reference_at(r.stamp_ns, s.profile)
-    if begun and r.stamp_ns - updated_ns < s.due_after_ns:
+    # The next state, as far away as the last, will be nearer to the due instant.
+    if begun and 2 * (due_ns - r.stamp_ns) > r.stamp_ns - seen.stamp_ns:
         c = followed(c, r.stamp_ns, r.position)
         return c, Output(True, c.memory.effort, False, False, reference, s.no_terms)
     memory = c.memory
@@ -232,12 +256,13 @@ def decide(
     if transferring:
         limits = transfer_limits(limits, effort, s.handover_step)
     after, terms = update(memory, sample, constants, limits)
+    following_ns = next_due(c.pace, r.stamp_ns, s.period_ns)
     seen = Seen(r.stamp_ns, r.position)
     if terms.held:  # dt keeps counting from the last finite sample
         c = ControllerState(
             memory,
             c.sample,
-            Pace(True, begun, updated_ns, seen),
+            Pace(True, begun, updated_ns, due_ns, seen),
             Transfer(pending, seen_before, transferring, effort),
         )
         return c, Output(True, terms.effort, False, True, reference, terms)
@@ -245,7 +270,9 @@ def decide(
     if transferring:  # lift the narrowed limits once they no longer change the command
         transferring = terms.effort != limited(terms.unsaturated, s.limits)
         transferred = Transfer(False, _NO_TRANSFER.seen_before, transferring, terms.effort)
-    c = ControllerState(after, sample, Pace(True, True, r.stamp_ns, seen), transferred)
+    c = ControllerState(
+        after, sample, Pace(True, True, r.stamp_ns, following_ns, seen), transferred
+    )
     return c, Output(True, terms.effort, True, False, reference, terms)
 
 

@@ -23,7 +23,16 @@ def readings(rng: random.Random, count: int) -> Iterator[Reading]:
     stamp_ns = 0
     for _ in range(count):
         stamp_ns += rng.choice(
-            (5_000_000, 5_000_000, 1_000_000, 4_999_000, 700_000_000, -3_000_000)
+            (
+                5_000_000,
+                5_000_000,
+                1_000_000,
+                4_950_000,
+                5_050_000,
+                1_700_000,
+                700_000_000,
+                -3_000_000,
+            )
         )
         numbers = [rng.uniform(-1.0, 1.0) for _ in range(6)]
         if rng.random() < 0.1:

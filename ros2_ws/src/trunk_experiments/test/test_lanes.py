@@ -14,6 +14,7 @@ import pytest
 
 from trunk_experiments.batch import block
 from trunk_experiments.batch.block import (
+    ENOUGH,
     RunSummary,
     key_of,
     regular_run,
@@ -67,6 +68,16 @@ def different(name, settings=(), count=LANES):
             )
         )
     return plans
+
+
+@pytest.mark.parametrize("rate", [200.0, 600.0, 1400.0, 20_000.0])
+def test_lanes_update_in_the_states_that_decide_answers(batch, rate):
+    everywhere = {"duration": 0.2, "update_rate": rate}
+    settings = ["pid.update_rate=200.0", "simulator.initial.position=[0.0, 0.3]"]
+    plan = make_plan("demo", "pid", settings=settings, everywhere=everywhere)
+    assert regular_run(plan) is not None
+    (in_a_block, *_) = summaries([plan] * ENOUGH, batch)
+    assert in_a_block == summary_of(plan, batch)
 
 
 @pytest.mark.one_in(3)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trunk_control.controller import hip_index, settings_of
+from trunk_control.decide import states_per_update
 from trunk_control.laws import law_named, law_of
 from trunk_control.limits import limited
 from trunk_control.pid_family import PidState
@@ -136,7 +137,7 @@ def regular_run(plan: RunPlan) -> Regular | None:
     settings, hip = _settings(config), hip_index(config, simulator.joints)
     if simulator.period_ns > settings.gap_ns:  # every state would start afresh
         return None
-    every = max(1, -(-settings.due_after_ns // simulator.period_ns))
+    every = states_per_update(simulator.period_ns, settings.period_ns)
     common = Common(
         simulator.plant,
         simulator.sensor,
