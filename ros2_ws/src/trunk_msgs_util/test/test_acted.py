@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.node import acted
-from trunk_msgs_util.node.acted import ActedRecord
+from trunk_msgs_util import completeness, topics
+from trunk_msgs_util.completeness import ActedRecord
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import frame_of_inputs
 
@@ -89,7 +88,7 @@ def test_the_order_of_arrival_does_not_matter(data):
 
 
 def test_it_remembers_no_more_than_it_needs(monkeypatch):
-    monkeypatch.setattr(acted, "_REMEMBERED", 10)
+    monkeypatch.setattr(completeness, "_REMEMBERED", 10)
     found = ActedRecord()
     for k in range(1000):
         found.record(COMMAND, k * MS, PID)

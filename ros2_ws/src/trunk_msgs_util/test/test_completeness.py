@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.node.completeness import CompletenessCheck
+from trunk_msgs_util.completeness import Account
 from trunk_msgs_util.recording.schemas import LEVEL_OK, ParameterChange, RunEvent
 
 HEARD = (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND)
@@ -24,8 +24,8 @@ def begin_twice(completeness):
 @pytest.fixture
 def whole():
     """Return the completeness of a run of three states, each answered, that was recorded in full."""
-    completeness = CompletenessCheck("/{}".format)
-    completeness.counts.update(dict.fromkeys(HEARD, 3))
+    completeness = Account("/{}".format)
+    completeness.counts.update({("", topic): 3 for topic in HEARD})
     completeness.take_event(told("/plant", "configured", kind="simulator"))
     completeness.take_event(told("/plant", "finished", states="3", reason="duration reached"))
     completeness.take_event(told("/pid", "published", **{f"/{topics.EFFORT_COMMAND}": "3"}))
@@ -39,7 +39,6 @@ def test_a_whole_run(whole):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda t: setattr(t, "end", None), "the recorder was stopped before the run was finished"),
         (
             lambda t: t.take_event(told("/plant", "started")),
             "stopped before the run was finished",
@@ -47,9 +46,15 @@ def test_a_whole_run(whole):
         (lambda t: t.take_event(told("/plant", "failed", reason="diverged")), "diverged"),
         (lambda t: setattr(t, "runs", 2), "it holds 2 runs"),
         (begin_twice, "it holds 2 runs"),
-        (lambda t: t.counts.subtract([topics.JOINT_STATES]), "joint_states: 2 of 3 messages"),
-        (lambda t: t.counts.update([topics.GROUND_TRUTH]), "4 messages for 3 states: another node"),
-        (lambda t: t.counts.subtract([topics.EFFORT_COMMAND]), "effort_command: 2 of 3 messages"),
+        (lambda t: t.counts.subtract([("", topics.JOINT_STATES)]), "joint_states: 2 of 3 messages"),
+        (
+            lambda t: t.counts.update([("", topics.GROUND_TRUTH)]),
+            "4 messages for 3 states: another node",
+        ),
+        (
+            lambda t: t.counts.subtract([("", topics.EFFORT_COMMAND)]),
+            "effort_command: 2 of 3 messages",
+        ),
     ],
 )
 def test_what_makes_it_incomplete(whole, change, reason):
@@ -73,7 +78,7 @@ def test_an_event_without_a_count_is_from_no_node_of_ours(whole, message, name, 
 @pytest.mark.parametrize("topic", [topics.DISTURBANCE, topics.controller_state("pid")])
 def test_a_stranger_on_a_topic_of_one_node(whole, topic):
     whole.take_event(told("/node", "published", **{f"/{topic}": "3"}))
-    whole.counts.update({topic: 4})
+    whole.counts.update({("", topic): 4})
     complete, why = whole.verdict((*HEARD, topic), ())
     assert (complete, "another node publishes there too" in why) == (False, True), why
 
@@ -84,8 +89,8 @@ def test_messages_that_could_not_be_received(whole):
 
 def test_a_controller_from_which_nothing_was_received():
     """It was there before the recorder, and ended before the two had discovered each other."""
-    completeness = CompletenessCheck("/{}".format)
-    completeness.counts.update({topics.GROUND_TRUTH: 3, topics.JOINT_STATES: 3})
+    completeness = Account("/{}".format)
+    completeness.counts.update({("", topics.GROUND_TRUTH): 3, ("", topics.JOINT_STATES): 3})
     completeness.take_event(told("/simulator", "finished", states="3", reason="finished"))
     assert completeness.verdict(HEARD, ()) == (True, "finished"), "nobody held the trunk"
     completeness.driven = True
@@ -97,9 +102,9 @@ def test_a_controller_from_which_nothing_was_received():
 
 
 def test_in_lockstep_every_state_has_an_answer():
-    completeness = CompletenessCheck("/{}".format, HEARD)
+    completeness = Account("/{}".format, HEARD)
     completeness.counts.update(
-        {topics.GROUND_TRUTH: 3, topics.JOINT_STATES: 3, topics.EFFORT_COMMAND: 2}
+        {("", topics.GROUND_TRUTH): 3, ("", topics.JOINT_STATES): 3, ("", topics.EFFORT_COMMAND): 2}
     )
     completeness.take_event(told("/simulator", "finished", states="3"))
     assert completeness.verdict(HEARD, ()) == (

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from trunk_msgs_util import topics
-from trunk_msgs_util.node.completeness import SourcedCompletenessCheck
-from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.completeness import OF_STATES_IN_REAL_TIME, Account
+from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
 from trunk_msgs_util.recording.schemas import LEVEL_OK, ParameterChange, RunEvent
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import frame_of_inputs
@@ -28,7 +26,8 @@ def told(node, message, source="", **values):
 
 def say(completeness, topic, k, source, sample=None):
     sample = sample or JointSample(k * MS, ("trunk",), effort=(1.0,))
-    completeness.take(topic, sample.stamp_ns, layout_of(sample, source).pack(sample))
+    data = layout_of(sample, source).pack(sample)
+    completeness.take(topic, sample.stamp_ns, data, JointStateLayout.parse(data).unpack)
 
 
 def say_row(completeness, k, command=PID, disturbance=PUSH, command_k=STATES - 1):
@@ -46,7 +45,7 @@ def run(late=None, **left_out):
     def there(word, k):
         return k not in left_out.get(word, ())
 
-    completeness = SourcedCompletenessCheck("/{}".format)
+    completeness = Account("/{}".format, OF_STATES_IN_REAL_TIME, sourced=True)
     completeness.take_event(told("/plant", "configured", PLANT, kind="simulator"))
     for k in range(STATES):
         for word, topic, source in (
@@ -141,7 +140,7 @@ def test_strangers_that_did_not_act_spoil_nothing():
     for topic in (topics.EFFORT_COMMAND, topics.DISTURBANCE, TERMS, topics.REFERENCE):
         say(completeness, topic, 3, "")
     counted(completeness, PUSH, **{"/disturbance": "4"})
-    completeness.take(topics.REFERENCE, 0, b"\x00\x01\x00\x00")
+    completeness.take(topics.REFERENCE, 0, b"\x00\x01\x00\x00", JointStateLayout.parse)
     assert verdict(completeness)[0]
     assert completeness.verdict(HEARD, ("/peer publishes something else on a topic",))[0]
 

@@ -89,9 +89,11 @@ class Event(str, Enum):
     FINISHED = (
         "finished",
         "simulator",
-        "The run is complete: `states` states were published",
+        "All `states` are published; in real time `commanded` steps had a command, the last `silent` none",
         "reason",
         "states",
+        "commanded",
+        "silent",
     )
     STOPPED = (
         "stopped",
@@ -99,6 +101,8 @@ class Event(str, Enum):
         "The run was ended before its last state",
         "reason",
         "states",
+        "commanded",
+        "silent",
     )
     FAILED = (
         "failed",

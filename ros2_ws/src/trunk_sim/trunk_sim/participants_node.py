@@ -14,7 +14,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import discovery, qos
 from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.base import TrunkNode
-from trunk_msgs_util.node.strangers import Sender, Senders
+from trunk_msgs_util.node.strangers import Sender, Senders, misfits
 from trunk_msgs_util.source import process_of
 from trunk_msgs_util.text import printable
 
@@ -50,6 +50,7 @@ class GraphParticipants(Participants):
         self._node = node
         self._answers = answers
         self._strangers: dict[str, Sender] = {}  # who publish commands, by GUID
+        self._misfits: set[str] = set()
         self._senders_seen = -1
         self._strange_since_s: float | None = None  # monotonic clock
         self._heard_since_s = -math.inf
@@ -126,8 +127,13 @@ class GraphParticipants(Participants):
         ]
 
     def look_for_strangers(self) -> None:
-        """Record which nodes of somebody else's publish commands, and which no longer do."""
+        """Record which nodes of somebody else's publish commands, or no longer do, and what does not fit."""
         commands = self._answers[topics.EFFORT_COMMAND]
+        states = self._node.resolve_topic_name(topics.JOINT_STATES)
+        for why in misfits(self._node, commands.topic_name, states, topics.JOINT_STATE_TYPE):
+            if why not in self._misfits:
+                self._misfits.add(why)
+                self._node.refuse("endpoints whose quality of service does not fit", why)
         count = commands.get_publisher_count()
         if count == self._senders_seen:
             return

@@ -60,6 +60,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._diagnosed = (time.monotonic(), 0)
         self._pacing = make_pacing(self, config)
         self.unfinished = ""
+        self._commanded = self._silent = (
+            0  # steps with a command in force; those at the end without
+        )
 
     def _create_topics(self, config: SimulatorConfig) -> None:
         self._outputs = PlantOutputs(self, config)
@@ -166,6 +169,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._outputs.truth(self._simulation.truth())
         # The controller waits for the state, nobody for this.
         self._outputs.inputs(stamp_ns, command, disturbed)
+        commanded = command.stamp_ns >= 0
+        self._commanded += commanded
+        self._silent = 0 if commanded else self._silent + 1
         self._say_fall()
 
     def _pushed(self) -> Applied:
@@ -250,7 +256,10 @@ class PlantNode(TrunkNode[SimulatorConfig]):
 
     def _say_finished(self, message: Event, reason: str) -> None:
         self._say_counts()
-        self.event(message, reason=reason, states=self._simulation.step_index + 1)
+        counts = {"states": self._simulation.step_index + 1}
+        if not self.config.lockstep:
+            counts |= {"commanded": self._commanded, "silent": self._silent}
+        self.event(message, DiagnosticStatus.OK, reason=reason, **counts)
 
     def stopping(self) -> None:
         """Close the record: an endless run counts as finished when stopped, any other does not."""

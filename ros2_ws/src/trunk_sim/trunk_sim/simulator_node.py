@@ -101,8 +101,10 @@ class SimulatorNode(PlantNode):
         now = time.monotonic()
         if now - self._looked_s >= _LOOK_EVERY_S:
             self._looked_s = now
-            topic = self.resolve_topic_name(topics.EFFORT_COMMAND)
-            misses = near_misses(self, topic, topics.JOINT_STATE_TYPE, self._own_names())
+            answers, states = map(
+                self.resolve_topic_name, (topics.EFFORT_COMMAND, topics.JOINT_STATES)
+            )
+            misses = near_misses(self, answers, states, topics.JOINT_STATE_TYPE, self._own_names())
             self._seen_instead = "; ".join(misses) or "nothing like it"
         return f"{missing}; seen instead: {self._seen_instead}" if self._seen_instead else missing
 

@@ -28,7 +28,7 @@ from ..console.reading import Values, run_values, written_values
 from ..console.terminal import console, line_of, report_error, show_warnings
 from ..errors import PlanError, RunError
 from ..recorded.run import RecordedRun
-from ..replay.doubts import doubts_of
+from ..replay.doubts import doubts_of, silence
 from ..runs.domain_claim import claimed_domain
 from ..runs.external import connection_lines
 from ..runs.files import RunFiles
@@ -124,6 +124,8 @@ def command(
         show_run(files, run)
     if not recording.complete:
         click.get_current_context().exit(1)
+    if silence(run):
+        click.get_current_context().exit(2)
 
 
 def write_run(run: RecordedRun, values: Values) -> None:

@@ -18,7 +18,7 @@ from ..console.reading import reading, run_values
 from ..console.tables import print_table
 from ..errors import PlanError
 from ..recorded.run import RecordedRun
-from ..replay.doubts import refused
+from ..replay.doubts import refused, silence
 from ..replay.signed import judge_signature
 from ..replay.verdict import SignatureCheck
 from ..replay.verify import Check, Verdict, describe, verify
@@ -115,7 +115,8 @@ def command(
         values = run_values(RecordedRun(recording), judged=verdict.word)
         write_json("verify-1", {**values, **as_values(verdict)})
         ctx.exit(verdict.exit_code)
-    for line in refused(RecordedRun(recording)):
+    run_of = RecordedRun(recording)
+    for line in filter(None, (silence(run_of), *refused(run_of))):
         click.echo(line)
     click.echo(f"{run}: {verdict.word}")
     if verdict.signature and (verdict.signature.trusted or verdict.signature.refuted):

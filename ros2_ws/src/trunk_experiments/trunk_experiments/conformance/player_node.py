@@ -15,7 +15,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
-from trunk_msgs_util.node.strangers import Sender, Senders, near_misses
+from trunk_msgs_util.node.strangers import Sender, Senders, misfits, near_misses
 from trunk_msgs_util.samples import JointSample
 
 from ..errors import RunError
@@ -97,10 +97,12 @@ class Player:
         return self._node.count_publishers(topic) > 0
 
     def _nobody(self, wait_s: float) -> str:
+        hears = self._node.resolve_topic_name(topics.JOINT_STATES)
         if self._commands.get_publisher_count():
-            hears = self._node.resolve_topic_name(topics.JOINT_STATES)
-            return f"a node publishes {self._topic}, but nobody hears {hears}: subscribe to it"
-        misses = near_misses(self._node, self._topic, topics.JOINT_STATE_TYPE, [])
+            odd = misfits(self._node, self._topic, hears, topics.JOINT_STATE_TYPE)
+            why = "; ".join(odd) or f"nobody hears {hears}: subscribe to it"
+            return f"a node publishes {self._topic}, but {why}"
+        misses = near_misses(self._node, self._topic, hears, topics.JOINT_STATE_TYPE, [])
         seen = f": {'; '.join(misses)}" if misses else ""
         return f"nobody publishes {self._topic} within {wait_s:g} s{seen}: start your node first"
 

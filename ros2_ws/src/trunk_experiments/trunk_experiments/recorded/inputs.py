@@ -19,6 +19,7 @@ from trunk_sim.operator_input import Applied
 from trunk_sim.traffic import Traffic
 
 from ..plans.operated import Operated
+from .processes import simulator_of
 from .turns import exact_from_ns, idle_ns
 
 if TYPE_CHECKING:
@@ -54,9 +55,12 @@ class RecordedInputs:
         self._commands = run.table(topics.EFFORT_COMMAND)
         self._disturbances = run.table(topics.DISTURBANCE)
         self._table = run.table(topics.PLANT_INPUTS) if self.recorded else None
+        self._rows: Integers | None = None  # of the simulator whose run it is; None: all
         if self._table is not None:
             self._read_sources(run, self._table)
-            self.command_known: Bools = self._table.rows_of(stamps) >= 0
+            if len(run.processes("simulator")) > 1:
+                self._rows = simulator_of(run).rows(self._table)
+            self.command_known: Bools = self._table.rows_of(stamps, self._rows) >= 0
             self.disturbance_known: Bools = self.command_known
             return
         self.sources = ("",)
@@ -92,7 +96,7 @@ class RecordedInputs:
             return self._by_stamp(stamps)
         if not len(self._table):
             return _nothing_known(len(stamps))
-        at = self._table.rows_of(stamps)
+        at = self._table.rows_of(stamps, self._rows)
         there = at >= 0
         position, age = (self._table.values(q)[at] for q in ("position", "velocity"))
         source = self._of_frame[self._table.frame[at]]

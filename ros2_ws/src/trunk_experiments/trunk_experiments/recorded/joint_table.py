@@ -169,14 +169,16 @@ class JointTable:
                 f"{count} are needed: it cannot be recomputed"
             )
 
-    def rows_of(self, stamps: Integers) -> Integers:
-        """Return the row of each stamp, -1 if there is none."""
-        if not len(self):
+    def rows_of(self, stamps: Integers, among: Integers | None = None) -> Integers:
+        """Return the row of each stamp, of all rows or ``among`` some; -1 if there is none."""
+        known = self.stamp_ns if among is None else self.stamp_ns[among]
+        if not len(known):
             return np.full(len(stamps), -1)
-        order = None if self._ascends else np.argsort(self.stamp_ns, kind="stable")
-        known = self.stamp_ns if order is None else self.stamp_ns[order]
+        if among is not None or not self._ascends:
+            order = np.argsort(known, kind="stable")
+            known, among = known[order], order if among is None else among[order]
         at = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
-        return np.where(known[at] == stamps, at if order is None else order[at], -1)
+        return np.where(known[at] == stamps, at if among is None else among[at], -1)
 
     def positions(self, first: int, stop: int) -> Floats:
         """Return the positions [stop - first, names] of some rows.

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event, as_count
 from trunk_msgs_util.parameters.declarations import Value
 from trunk_msgs_util.recording.joint_arrays import Integers
@@ -45,6 +46,7 @@ class Process:
     )  # at its start; empty: not recorded
     events: Sequence[RunEvent] = ()
     changed: Sequence[ParameterChange] = ()
+    until_ns: int | None = None  # by log time: what it sent later belongs to another run
 
     @cached_property
     def config(self) -> Any:
@@ -75,13 +77,24 @@ class Process:
 
     def sent_all(self, table: JointTable) -> bool:
         """Return True if every message of a topic is this process's."""
-        return not self.source or len(self._frames(table)) == len(table.frames)
+        everything = not self.source or len(self._frames(table)) == len(table.frames)
+        return everything and self.until_ns is None
 
-    def rows(self, table: JointTable) -> Integers:
-        """Return the rows of a topic that this process sent, in the order of the file."""
-        if self.sent_all(table):
-            return np.arange(len(table))
-        return np.flatnonzero(np.isin(table.frame, self._frames(table)))
+    def rows(self, table: JointTable, in_run: bool = True) -> Integers:
+        """Return the rows of a topic that this process sent, in the order of the file.
+
+        ``in_run``: in the run that is judged. A later one begins, at the latest, where stamps go back.
+        """
+        rows = (
+            np.flatnonzero(np.isin(table.frame, self._frames(table)))
+            if self.source
+            else np.arange(len(table))
+        )
+        if self.until_ns is None or not in_run:
+            return rows
+        later = table.log_time_ns[rows] >= self.until_ns
+        later[1:] |= np.diff(table.stamp_ns[rows]) < 0
+        return rows[: int(np.argmax(later))] if later.any() else rows
 
     def stamps(self, table: JointTable) -> Integers:
         """Return the stamps of the messages of a topic that this process sent, ns, in file order."""
@@ -160,6 +173,7 @@ def processes_of(run: RecordedRun, node: str) -> list[Process]:
         else:
             changed.setdefault(process or current, []).append(change)
     own = name.rpartition("/")[2]
+    until_ns = None if node == "simulator" else _second_run_ns(run)
     return [
         Process(
             node,
@@ -168,9 +182,27 @@ def processes_of(run: RecordedRun, node: str) -> list[Process]:
             sets.get(process, {}),
             events.get(process, ()),
             changed.get(process, ()),
+            until_ns,
         )
         for process in dict.fromkeys([*events, *sets])
     ]
+
+
+def simulator_of(run: RecordedRun) -> Process:
+    """Return the process of the simulator whose run it is: the first that started."""
+    processes = run.processes("simulator")
+    started = [p for p in processes if any(e.message == Event.STARTED for e in p.events)]
+    return (started or processes)[0]
+
+
+def _second_run_ns(run: RecordedRun) -> int | None:
+    """Return when the first true state of another run was logged, ns; None if all are of one simulator."""
+    if len(run.processes("simulator")) < 2:
+        return None
+    truth = run.table(topics.GROUND_TRUTH)
+    others = np.ones(len(truth), bool)
+    others[simulator_of(run).rows(truth)] = False
+    return int(truth.log_time_ns[others].min()) if others.any() else None
 
 
 def _only_process(run: RecordedRun, node: str, name: str) -> Process:
@@ -203,7 +235,7 @@ def is_whole(run: RecordedRun, process: Process) -> bool:
         or not run.sourced
         or all(
             topic in run.recording.topics
-            and len(process.stamps(run.table(run.recording.relative(topic)))) == count
+            and len(process.rows(run.table(run.recording.relative(topic)), in_run=False)) == count
             for topic, count in counts.items()
         )
     )

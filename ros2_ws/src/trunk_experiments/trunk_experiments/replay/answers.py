@@ -52,6 +52,11 @@ class Answers:
         self._known = True
         self._anew = list(_anew(process, period_ns))
 
+    @property
+    def idle(self) -> bool:
+        """True for a process in real time of which no command is on record."""
+        return bool(self.process.source) and not len(self._stamps)
+
     def answered(self, stamps: Integers) -> Bools:
         """Return which states this process answered, by its own commands."""
         return np.isin(stamps, self._stamps)

@@ -17,7 +17,7 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.events import Event, as_count
+from trunk_msgs_util.events import ENDS, Event, as_count
 from trunk_msgs_util.recording.topic import fields_of
 from trunk_msgs_util.source import ARRIVALS
 from trunk_msgs_util.units import NANOSECONDS, seconds
@@ -54,10 +54,12 @@ class Doubts:
         str, ...
     ] = ()  # messages that were not used, or not as they were meant: a line each
     external: bool = False  # somebody else's node gave the commands
+    silent: str = ""  # that nobody held the trunk, or not to the end; a line
 
     def __bool__(self) -> bool:
         fell = self.fell_at_s is not None or self.leans_deg is not None
-        return bool(self.incomplete or fell or self.refused or self.late or self.moved_deg)
+        said = self.silent or self.incomplete or self.refused
+        return bool(said or fell or self.late or self.moved_deg)
 
     @property
     def until(self) -> str:
@@ -70,7 +72,7 @@ class Doubts:
     @property
     def lines(self) -> list[str]:
         """A line for each doubt."""
-        lines = []
+        lines = [self.silent] if self.silent else []
         if self.incomplete:
             until = f"; {self.until}" if self.until else ""
             lines.append(f"INCOMPLETE: {self.incomplete}{until}")
@@ -112,6 +114,7 @@ class Doubts:
             "beyond_90": None
             if self.leans_deg is None
             else {"angle_deg": self.leans_deg, "fall_angle_deg": self.limit_deg},
+            "silent": self.silent or None,
             "refused": list(self.refused),
             "late": {"steps": self.late, "of": self.steps, "moved_deg": self.moved_deg}
             if self.steps
@@ -152,6 +155,7 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
         *(_leans(run) if whole and fall is None else (None, None)),
         tuple(refused(run, whole)),
         bool(run.external),
+        silence(run),
     )
 
 
@@ -223,6 +227,47 @@ def refused(run: RecordedRun, whole: bool = True) -> Iterator[str]:
         count = counts.get((node, kind), -1)
         number = str(count) if count >= 0 else "some"
         yield f"{word}: {node}: {number} {kind}: {why}"
+
+
+_SILENT_S = 1.0  # at a run's end: a busy machine holds a controller up for less
+
+
+def silence(run: RecordedRun) -> str:
+    """Return a line if nobody's command was in force in a real-time run, or none at its end; else nothing.
+
+    The simulator counts the steps; where it did not, nothing is known. A controller that was deactivated is
+    meant to be silent.
+    """
+    end = next(
+        (e for e in reversed(run.events) if e.message in ENDS and "commanded" in e.values), None
+    )
+    if end is None:
+        return ""
+    states, commanded, silent = (
+        as_count(end.values.get(name, "")) for name in ("states", "commanded", "silent")
+    )
+    steps = states - 1
+    if not 0 <= commanded <= steps or not 0 <= silent <= steps or not steps:
+        return ""
+    silent_ns = end.stamp_ns * silent // steps
+    turns = {
+        event.node: event.message
+        for event in run.events
+        if event.message in (Event.ACTIVATED, Event.DEACTIVATED)
+    }
+    ours = {turns.get(run.recording.topic(name)) for name in run.controllers}
+    left = not run.external and ours == {Event.DEACTIVATED}
+    if commanded and (silent_ns <= _SILENT_S * NANOSECONDS or left):
+        return ""
+    names = run.acting or run.recording.provenance.get("controller", "").split()
+    who = ", ".join(names) or "nobody"
+    refused_ones = any(
+        event.message == Event.REFUSED and event.values.get("what", "").startswith("commands ")
+        for event in run.events
+    )
+    what = "no command that the plant takes" if refused_ones else "no command"
+    after = f" after t = {seconds(end.stamp_ns - silent_ns):g} s" if commanded else ""
+    return f"SILENT: {who} gave {what}{after} ({commanded} of {steps} steps)"
 
 
 def _leans(run: RecordedRun) -> tuple[float | None, float | None]:

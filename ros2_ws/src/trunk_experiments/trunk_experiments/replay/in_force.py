@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib.util import find_spec
 
@@ -91,6 +91,8 @@ def check_inputs(run: RecordedRun, rerun: Rerun, until_ns: int | None = None) ->
     if until_ns is not None:
         stamps = stamps[stamps <= until_ns]
     commands, disturbed = run.table(topics.EFFORT_COMMAND), run.table(topics.DISTURBANCE)
+    senders = [node for node in (*run.judgeable, "disturbance") if node in run.parameters]
+    processes = {p.source: p for node in senders for p in run.processes(node) if p.source}
     rule = _Rule(rerun.simulator, _is_awaited(disturbed, rerun.simulator))
     for begin in range(0, len(stamps), _ROWS):
         rows = slice(begin, min(begin + _ROWS, len(stamps)))
@@ -98,7 +100,14 @@ def check_inputs(run: RecordedRun, rerun: Rerun, until_ns: int | None = None) ->
         values = force.command[:, None]
         topic = commands.topic
         command_columns, commanded = _named(
-            topic, ["effort"], commands, force.command_ns, force.command_source, values, rerun
+            topic,
+            ["effort"],
+            commands,
+            force.command_ns,
+            force.command_source,
+            values,
+            rerun,
+            processes,
         )
         disturbance_columns, known = _named(
             disturbed.topic,
@@ -108,6 +117,7 @@ def check_inputs(run: RecordedRun, rerun: Rerun, until_ns: int | None = None) ->
             force.disturbance_source,
             force.disturbance,
             rerun,
+            processes,
         )
         columns = [*command_columns, *disturbance_columns, *rule.columns(here, force)]
         check.take(here, inputs.command_known[rows] & commanded & known, columns)
@@ -122,6 +132,7 @@ def _named(
     source: Integers,
     values: Floats,
     rerun: Rerun,
+    processes: Mapping[str, Process],
 ) -> tuple[list[ComparedColumn], Bools]:
     """Return the values in force beside those of the messages with their sources and stamps; which are known.
 
@@ -139,7 +150,7 @@ def _named(
             on_record[mine] = np.isin(values[mine, 0], _values(table, _rows_of(table, NO_SOURCE)))
             continue
         mine = np.flatnonzero((source == place) & (stamp_ns >= 0))
-        rows = _rows_of(table, name)
+        rows = processes[name].rows(table) if name in processes else _rows_of(table, name)
         sent = table.stamp_ns[rows]
         order = np.argsort(sent, kind="stable")
         at = np.searchsorted(sent[order], stamp_ns[mine])

@@ -7,7 +7,6 @@ digest.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -15,12 +14,13 @@ import numpy as np
 
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
+from trunk_msgs_util.completeness import OF_STATES, OF_STATES_IN_REAL_TIME, Account
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.units import seconds, step_count
 from trunk_sim.operator_input import Applied
 from trunk_sim.traffic import Traffic
 
-from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.nodes import CONTROLLERS
 from ..recorded.processes import Process, is_whole
 from ..recorded.turns import idle_ns
 from .parameter_invariants import mode_contradictions, parameter_contradictions
@@ -41,7 +41,7 @@ def contradictions(run: RecordedRun, rerun: Rerun) -> list[str]:
     return [
         *_joints(run),
         *_start_and_end(run, rerun),
-        *_counts(run, rerun),
+        *_account(run, rerun),
         *_order(run, rerun),
         *_falls(run, rerun),
         *parameter_contradictions(run),
@@ -114,9 +114,13 @@ def _start_and_end(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     (end,), states = ends, len(rerun.stamps)
     if end.values.get("states") != str(states):
         yield f"{states} states, but the run had {end.values.get('states')} by run/events"
-    reason, marked = end.values.get("reason"), (run.recording.end or {}).get("reason")
-    if reason != marked:
-        yield f"run/events: the run ended as {reason!r}, the recorder noted {marked!r}"
+    reason = end.values.get("reason")
+    if rerun.inputs.recorded and "commanded" in end.values:
+        held = rerun.inputs.over(slice(0, max(states - 1, 0))).command_ns >= 0
+        silent = int(np.argmax(held[::-1])) if held.any() else len(held)
+        for name, count in (("commanded", int(held.sum())), ("silent", silent)):
+            if end.values.get(name) != str(count):
+                yield f"run/events: {name} = {end.values.get(name)}, by the plant's inputs {count}"
     last = int(rerun.stamps[-1]) if states else -1
     if end.stamp_ns != last:
         at = seconds(end.stamp_ns)
@@ -135,52 +139,42 @@ def _start_and_end(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
         yield "run/events: fall.stop is set, but the run goes on after a fall"
 
 
-def _counts(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
-    """Yield a line where there are not as many messages as states, or as the nodes say they published."""
-    states = len(rerun.stamps)
-    every = [topics.GROUND_TRUTH, topics.JOINT_STATES]
-    every += [topics.EFFORT_COMMAND] if run.exact and not run.external else []
-    every += [topics.PLANT_INPUTS] if rerun.inputs.recorded else []
-    for relative in every:
-        idle = len(idle_ns(run)) if relative == topics.EFFORT_COMMAND and run.exact else 0
-        wanted = states - idle
-        if run.count(relative) != wanted and not (rerun.inputs.recorded and run.exact):
-            yield f"{relative}: {run.count(relative)} messages for {wanted} states"
-    anew = any(event.message == Event.CLEANED_UP for event in run.events)
-    claims: Counter[str] = Counter()
-    uncounted = set(_topics_of_strangers(run))  # a process that was killed may have published there
-    for node in NODES:
-        for process in run.processes(node) if node in run.parameters else ():
-            if process.published is None:
-                uncounted |= {run.recording.topic(topic) for topic in _published_by(node)}
-                continue
-            claims.update(process.published)
-            for topic, count in process.published.items() if process.source else ():
-                known = topic in run.recording.topics
-                own = len(process.stamps(run.table(run.recording.relative(topic)))) if known else 0
-                if own != count and not anew:
-                    yield f"{topic}: {own} messages of {process.source}, which published {count}"
-    for topic, count in claims.items():
-        there = run.recording.topics.get(topic)
-        messages = there.count if there else 0
-        if messages < count or (messages > count and not anew and topic not in uncounted):
-            yield f"{topic}: {messages} messages, but {count} were published by the nodes' own count"
-
-
-def _topics_of_strangers(run: RecordedRun) -> Iterator[str]:
-    """Yield topics with messages of processes of which nothing else is on record."""
-    if run.external:
-        yield run.recording.topic(topics.EFFORT_COMMAND)
-    known = {process.source for node in NODES for process in run.processes(node)}
-    for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE) if run.sourced else ():
-        if any(frame not in known for frame in run.table(relative).frames):
-            yield run.recording.topic(relative)
-
-
-def _published_by(node: str) -> tuple[str, ...]:
-    if node in CONTROLLERS:
-        return topics.EFFORT_COMMAND, topics.controller_state(node)
-    return (topics.DISTURBANCE,) if node == "disturbance" else ()
+def _account(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
+    """Yield a line where the recorder's own rule does not call the run whole, by what is in the file."""
+    recording = run.recording
+    whole, idle = [*OF_STATES_IN_REAL_TIME] if run.sourced else [*OF_STATES], 0
+    if run.exact and not (run.external or rerun.inputs.recorded):
+        idle = len(idle_ns(run))
+        whole += [] if idle else [topics.EFFORT_COMMAND]
+    account = Account(recording.topic, whole, run.sourced)
+    for name, topic in recording.topics.items():
+        relative = recording.relative(name)
+        if not run.sourced or topic.type != topics.JOINT_STATE_TYPE:
+            account.counts["", relative] += topic.count
+            continue
+        table = run.table(relative)
+        for frame, count in zip(table.frames, np.bincount(table.frame).tolist(), strict=False):
+            source = frame.partition(" ")[0]
+            account.counts[source if "@" in source else "", relative] += count
+    try:
+        for event in run.events:
+            account.take_event(event)
+    except ValueError as error:
+        yield f"run/events: {error}"
+        return
+    for change in (
+        recording.parameter_messages() if run.mode != "offline" else ()
+    ):  # there are no nodes
+        account.take_parameters(change)
+    complete, reason = account.verdict([recording.relative(name) for name in recording.topics])
+    marked = (recording.end or {}).get("reason")
+    if not complete:
+        yield f"marked as complete, but {reason}"
+    elif reason != marked:
+        yield f"run/events: the run ended as {reason!r}, the recorder noted {marked!r}"
+    if idle and run.count(topics.EFFORT_COMMAND) != len(rerun.stamps) - idle:
+        wanted = len(rerun.stamps) - idle
+        yield f"{topics.EFFORT_COMMAND}: {run.count(topics.EFFORT_COMMAND)} messages for {wanted} states"
 
 
 def _order(run: RecordedRun, rerun: Rerun) -> Iterator[str]:

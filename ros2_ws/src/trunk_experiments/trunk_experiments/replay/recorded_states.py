@@ -33,6 +33,9 @@ class RecordedStates:
         )
         # Of the states in their table; None: all of them. Large arrays are not made twice.
         self._rows = None if simulator.sent_all(self.truth) else simulator.rows(self.truth)
+        self._measured = (
+            None if simulator.sent_all(self.measured) else simulator.rows(self.measured)
+        )
         self._fell = [e.stamp_ns for e in simulator.events if e.message == Event.FELL]
         self._delay_steps: int = simulator.config.delay_steps
         period_ns = simulator.config.period_ns
@@ -61,7 +64,7 @@ class RecordedStates:
 
     def measurements(self, stamps: Integers) -> Floats:
         """Return measured positions, velocities and efforts at these stamps [n, 6]; NaN without a record."""
-        return six(self.measured, self.measured.rows_of(stamps))
+        return six(self.measured, self.measured.rows_of(stamps, self._measured))
 
     def plant_state(self, row: int) -> tuple[PlantState, float, bool]:
         """Return a state, the effort [N m] that led to it, and True if the trunk fell before it."""
@@ -115,10 +118,3 @@ def six(table: JointTable, rows: Integers) -> Floats:
     for i, quantity in enumerate(QUANTITIES):
         values[there, 2 * i : 2 * i + 2] = table.columns(quantity, 2)[at]
     return values
-
-
-def simulator_of(run: RecordedRun) -> Process:
-    """Return the process of the simulator whose run it is: the first that started."""
-    processes = run.processes("simulator")
-    started = [p for p in processes if any(e.message == Event.STARTED for e in p.events)]
-    return (started or processes)[0]

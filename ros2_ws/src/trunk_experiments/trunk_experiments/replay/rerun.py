@@ -33,6 +33,7 @@ from trunk_sim.step import Measurement, PlantStatus
 from ..plans.plan import RunPlan
 from ..recorded.inputs import Bools, RecordedInputs
 from ..recorded.joint_table import JointTable
+from ..recorded.processes import simulator_of
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, RecordSource, start_of
 from ..runs.loop import reading_of
@@ -51,7 +52,7 @@ from ..runs.states import (
 )
 from .answers import answers_of
 from .checks import ACTIVE_CONTROLLERS, Check, ComparedColumn, Difference, references
-from .recorded_states import QUANTITIES, RecordedStates, simulator_of, six
+from .recorded_states import QUANTITIES, RecordedStates, six
 
 _FIELDS = tuple((quantity, joint) for quantity in QUANTITIES for joint in (0, 1))
 _TRUTH = [0, 1, 2, 3, 5]  # of the six fields: without the hip's effort

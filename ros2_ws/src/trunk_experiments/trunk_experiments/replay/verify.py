@@ -17,6 +17,7 @@ from ..recorded.run import RecordedRun
 from ..recorded.turns import acts
 from .checks import describe
 from .completeness import missing, restarted, unjudged
+from .doubts import silence
 from .in_force import check_disturbances, check_inputs
 from .invariants import contradictions, without_commands
 from .rerun import Rerun
@@ -37,6 +38,8 @@ __all__ = [
 _MODES = {"real_time": "in real time", "lockstep": "in lock-step", "offline": "offline"}
 _NO_INPUTS = "recorded before real-time runs recorded what acted on the plant: record the run again"
 
+_NO_COUNT = "recorded before the simulator counted the steps with a command: record the run again"
+
 
 def verify(recording: Recording) -> Verdict:
     """Return the verdict on a recording; damage and gaps make it inconclusive, and are never ignored."""
@@ -48,7 +51,8 @@ def verdict_on(run: RecordedRun) -> Verdict:
     recording = run.recording
     fill_tables(run)
     verdict = Verdict()
-    verdict.obstacles += filter(None, [recording.unfinished, *recording.further_warnings])
+    silent = silence(run).removeprefix("SILENT: ")
+    verdict.obstacles += filter(None, [silent, recording.unfinished, *recording.further_warnings])
     verdict.obstacles += recording.seen_otherwise
     verdict.altered = recording.alterations()
     verdict.notes += [run.branch.describe()] if run.branch else []
@@ -132,7 +136,11 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     complete = (run.recording.end or {}).get("complete") == "true"
     rerun = Rerun(run)
     rerun.compare()
-    verdict.checks += rerun.checks
+    idle = {label for label, answers in rerun.answers.items() if answers.idle}
+    verdict.checks += [c for c in rerun.checks if c.name.removeprefix("commands of ") not in idle]
+    verdict.unjudged += [
+        f"{label}: no command of this process is on record" for label in sorted(idle)
+    ]
     rivals = _rivals(run, rerun)
     if rivals:
         verdict.obstacles.append(rivals)
@@ -174,6 +182,8 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         verdict.checks.append(check)
     if complete and not rivals:
         verdict.contradictions += contradictions(run, rerun)
+    if complete and run.sourced and not any("commanded" in e.values for e in run.events):
+        verdict.obstacles.append(_NO_COUNT)
     verdict.obstacles += _failures(run)
     verdict.obstacles += [] if complete else recorder_was_inactive(run)
     verdict.obstacles += missing(run, rerun)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState
 
 from .. import provenance, topics
+from ..completeness import OF_STATES_IN_REAL_TIME, Account
 from ..events import Event
 from ..parameters.config import RecorderConfig
 from ..recording.schemas import parse_event, parse_parameter_event
@@ -23,7 +25,6 @@ from ..text import printable
 from ..units import LAST_STAMP_NS, NANOSECONDS, nanoseconds
 from . import discovery, qos
 from .base import TrunkNode
-from .completeness import CompletenessCheck, SourcedCompletenessCheck
 from .conversions import WireReader, sample_to_wire
 from .recorded_subscription import RecordedSubscription
 from .run import main_for
@@ -68,7 +69,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def __init__(self) -> None:
         super().__init__("recorder", RecorderConfig)
         self._file: RunFile | None = None
-        self._read_truth = WireReader()
+        self._read: defaultdict[str, WireReader] = defaultdict(WireReader)  # by topic
         self._forget()
 
     def _forget(self) -> None:
@@ -76,11 +77,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._leaving_s: float | None = None
         self._quiet_turns = 0
         lockstep = self.config.lockstep
-        self._check = (
-            CompletenessCheck(self.resolve_topic_name, self.config.lockstep_topics)
-            if lockstep
-            else SourcedCompletenessCheck(self.resolve_topic_name)
-        )
+        of_each_state = self.config.lockstep_topics if lockstep else OF_STATES_IN_REAL_TIME
+        self._account = Account(self.resolve_topic_name, of_each_state, sourced=not lockstep)
         self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
         self._told_ns = -1
         self._looked_at = 0
@@ -210,7 +208,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             if not file.write(topic, log_time, data):
                 return
             try:
-                self._check.take(topic, stamp_ns, data)
+                self._account.take(topic, stamp_ns, data, self._read[topic])
             except ValueError as error:
                 self.refuse(f"messages malformed on {topic}", str(error))
             if topic == topics.EFFORT_COMMAND:
@@ -225,11 +223,14 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def _on_truth(self, data: bytes) -> None:
         before_ns, self.run_stamp_ns = self.run_stamp_ns, self._written_ns[topics.GROUND_TRUTH]
-        self._check.runs += self.run_stamp_ns < before_ns
-        if self._check.counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
+        account = self._account
+        account.runs += self.run_stamp_ns < before_ns
+        if self.config.lockstep and account.counts["", topics.GROUND_TRUTH] % _TELL_EVERY == 0:
             self._tell_progress()
-        if self.config.lockstep and not self._check.driven:
-            self._check.driven = any(self._read_truth(data).effort[1:])  # the first is the hip's
+        if self.config.lockstep and not account.driven:
+            account.driven = any(
+                self._read[topics.GROUND_TRUTH](data).effort[1:]
+            )  # the first is the hip's
         if self._pictures is not None and self._file is not None:
             self._draw(self._pictures, self._file, data)
 
@@ -254,7 +255,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             return
         if self.is_second(change.node, process_of(change.source)):
             return
-        self._check.take_parameters(change)
+        self._account.take_parameters(change)
         if self._pictures is not None:
             self._pictures.reconfigure(change)
 
@@ -263,7 +264,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             event = parse_event(data)
             process = process_of(event.source) or event.values.get("process", "")
             if not self.is_second(event.node, process):
-                self._check.take_event(event)
+                self._account.take_event(event)
         except ValueError as error:
             self.refuse("events malformed", str(error))
             return
@@ -273,11 +274,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         """Return the reason why a recorder hears nothing, and how to end one whose run is over."""
         if not self.active:
             return ""
-        if self._check.end is not None:
+        if self._account.end is not None:
             return (
                 "Ctrl-C: the run is over; stop the controllers first: then they report their counts"
             )
-        before, self._looked_at = self._looked_at, self._check.counts[topics.JOINT_STATES]
+        before, self._looked_at = self._looked_at, self._account.count(topics.JOINT_STATES)
         if self._looked_at > before:
             return ""
         topic = self.resolve_topic_name(topics.JOINT_STATES)
@@ -293,7 +294,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         """Return the file and the number of its messages."""
         if self._file is None:
             return {"messages": 0}
-        return {"file": self._file.path, "messages": self._check.counts.total()}
+        return {"file": self._file.path, "messages": self._account.counts.total()}
 
     def account(self) -> None:
         """Expect what the other nodes of this process have just reported."""
@@ -307,7 +308,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         if self._leaving_s is None:
             self._leaving_s = self._last_message = now
         self._quiet_turns += 1
-        if self._check.end is None and now - self._leaving_s > _LEAVE_S:
+        if self._account.end is None and now - self._leaving_s > _LEAVE_S:
             return False
         return now - self._last_message < _QUIET_S or self._quiet_turns <= _QUIET_TURNS
 
@@ -319,13 +320,13 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             if topic in _OF_THE_LOOP
             for line in subscription.of_other_types()
         ]
-        return self._check.verdict(list(self._recorded), unheard)
+        return self._account.verdict(list(self._recorded), unheard)
 
     def _finish(self) -> None:
         if self._file is None:
             return
         complete, reason = self.verdict()
-        if not complete and not self._check.goes_on:
+        if not complete and not (self._account.endless and self._account.end is None):
             self.unfinished = reason
         count = self._file.finish(complete, reason)
         if count is not None:

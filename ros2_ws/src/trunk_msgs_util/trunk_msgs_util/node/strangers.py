@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from difflib import SequenceMatcher
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy
+from rclpy.qos import qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from .. import topics
@@ -32,6 +34,13 @@ _VENDORS = {
 # DDS discovers a publisher first and its node later; one without a node by then is no ROS node.
 UNNAMED_S = 3.0
 _SIMILAR = 0.75  # of two topics' names, as `difflib` rates them
+# By what `qos_check_compatible` says of them.
+_POLICIES = {
+    "Best effort": "reliability",
+    "Volatile": "durability",
+    "deadline": "deadline",
+    "liveliness": "liveliness",
+}
 # DDSI-RTPS: domain d has the ports 7400 + 250 d ...; participant p of it listens at offset 10 + 2 p. Beyond
 # domain 100 they are among those that the kernel hands out for anything.
 _FIRST_PORT, _PORTS_OF_DOMAIN, _DOMAINS = 7400, 250, 101
@@ -85,14 +94,16 @@ class Senders:
         return senders
 
 
-def near_misses(node: Node, topic: str, type_name: str, own: Sequence[str]) -> list[str]:
-    """Return why nothing that can be used may arrive on a topic, a line each.
+def near_misses(
+    node: Node, topic: str, sends: str, type_name: str, own: Sequence[str]
+) -> list[str]:
+    """Return why nothing that can be used may arrive on a topic, a line each; ``sends``: as of `misfits`.
 
     ``own``: nodes and participants that are no candidates. Of domains, only those of this machine are known.
     """
     seen = [
         *_of_other_type(node, topic, type_name),
-        *_of_other_quality(node, topic, type_name),
+        *misfits(node, topic, sends, type_name),
         *_of_similar_name(node, topic, type_name, own),
     ]
     if not seen:
@@ -114,15 +125,29 @@ def _of_other_type(node: Node, topic: str, type_name: str) -> Iterator[str]:
             )
 
 
-def _of_other_quality(node: Node, topic: str, type_name: str) -> Iterator[str]:
-    offered = [
-        (discovery.names([e])[0], e.qos_profile)
-        for e in node.get_publishers_info_by_topic(topic)
-        if e.topic_type == type_name
-    ]
-    for name, profile in offered:
-        if profile.durability not in (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL):
-            yield f"{name} publishes {topic} with durability {profile.durability.name.lower()}"
+def misfits(node: Node, hears: str, sends: str, type_name: str) -> Iterator[str]:
+    """Yield why who publishes on the topic that a node ``hears`` is not matched with it, by policies of QoS.
+
+    Both endpoints of such a peer are compared with the node's own: what it publishes there, and what it hears
+    of what the node ``sends``. Absolute names. Our subscriptions adapt to a best-effort publisher.
+    """
+    own = node.get_fully_qualified_name()
+    peers = [e for e in node.get_publishers_info_by_topic(hears) if e.topic_type == type_name]
+    for topic in (hears, sends):
+        ends = node.get_publishers_info_by_topic(topic), node.get_subscriptions_info_by_topic(topic)
+        theirs, ours = ends if topic == hears else ends[::-1]
+        mine = [e for e in ours if discovery.names([e])[0] == own][:1]
+        strange = [e for e in theirs if discovery.share_a_participant([e], peers)]
+        for endpoint, own_end in product(strange, mine):
+            pair = (endpoint, own_end) if topic == hears else (own_end, endpoint)
+            _, reasons = qos_check_compatible(*(e.qos_profile for e in pair))
+            for reason in re.findall(r"ERROR: ([^;]*)", reasons):
+                policy = next((word for sign, word in _POLICIES.items() if sign in reason), "QoS")
+                if (policy, topic) != ("reliability", hears):
+                    verb = "publishes" if topic == hears else "subscribes to"
+                    who = _shown(discovery.names([endpoint])[0])
+                    fault = f"a {policy} that does not fit ({reason}): use the default"
+                    yield f"{who} {verb} {topic} with {fault}"
 
 
 def _of_similar_name(node: Node, topic: str, type_name: str, own: Sequence[str]) -> Iterator[str]:
