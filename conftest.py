@@ -168,6 +168,7 @@ def pytest_timeout_set_timer(item: pytest.Item, settings: Any) -> Generator[None
         before_s, held_up_s = held_up_s, _held_up_s()
         left_s -= max(step_s - (held_up_s - before_s), step_s / 3)
         if left_s <= 0.0:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)  # once: it takes time to report
             give_up(number, frame)
 
     signal.signal(signal.SIGALRM, look)

@@ -41,6 +41,7 @@ def test_time_in_which_somebody_is_held_up_counts_less(
     look = signal.getsignal(signal.SIGALRM)
     assert callable(look)
     looks = sum(1 for _ in takewhile(lambda _: look(signal.SIGALRM, None) or not ended, count()))
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0), "the report is not interrupted"
     assert looks * step_s == pytest.approx(given_up_after_s, abs=step_s + 1.0)
 
 
