@@ -5,17 +5,24 @@ No example has a time limit, and no test sets one: how long it takes is the mach
 Of a test marked ``one_in(N)``, one case in N runs each time and the others with scripts/test.sh --all.
 
 What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the last line of scripts/test.sh.
+
+A test that hangs is ended after the `timeout` of pyproject.toml, whose seconds grow longer on a busy machine.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import suppress
 from pathlib import Path
+from time import monotonic
+from types import FrameType
 from typing import Any
 
 import pytest
@@ -34,6 +41,9 @@ settings.register_profile(
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
+# A background job begins with SIGINT ignored, and so would all that it starts: some of those that were forked
+# lost a signal that came early, and no shell can handle one that it began without.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _GRAPH_TESTS = Path(__file__).parent / "tests"  # where scripts/test.sh looks for them
 _QUIET = ("background-networking", "component-update", "sync")
@@ -125,6 +135,45 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             if seen[test] % mark.args[0]:
                 item.add_marker(pytest.mark.long)
             seen[test] += 1
+
+
+def _held_up_s() -> float:
+    """Return for how long somebody has waited for a processor, a disk or memory, as Linux tells.
+
+    A container's share may be less than the machine: it has a pressure of its own.
+    """
+    files = [*Path("/proc/pressure").glob("*"), *Path("/sys/fs/cgroup").glob("*.pressure")]
+    with suppress(OSError):  # it is switched off
+        if totals := re.findall(r"some .*total=(\d+)", "".join(file.read_text() for file in files)):
+            return sum(map(int, totals)) / 1e6
+    return monotonic()  # all the time, for all we know
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_timeout_set_timer(item: pytest.Item, settings: Any) -> Generator[None, Any, Any]:
+    """Let time in which somebody is held up count for a third at least: the limit is for what hangs.
+
+    So it holds for every wait, whatever a test waits for and however. pytest-timeout ends and reports.
+    """
+    done = yield
+    give_up = signal.getsignal(signal.SIGALRM)
+    if not callable(give_up):  # another method than a signal was asked for
+        return done
+    step_s = settings.timeout / 60
+    left_s, held_up_s = settings.timeout, _held_up_s()
+
+    def look(number: int, frame: FrameType | None) -> None:
+        __tracebackhide__ = True
+        nonlocal left_s, held_up_s
+        before_s, held_up_s = held_up_s, _held_up_s()
+        left_s -= max(step_s - (held_up_s - before_s), step_s / 3)
+        if left_s <= 0.0:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)  # once: it takes time to report
+            give_up(number, frame)
+
+    signal.signal(signal.SIGALRM, look)
+    signal.setitimer(signal.ITIMER_REAL, step_s, step_s)
+    return done
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

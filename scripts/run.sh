@@ -1,6 +1,10 @@
 #!/usr/bin/env bash
 # Run a scenario as ROS 2 nodes: scripts/run.sh SCENARIO --controller NAME … (see: scripts/run.sh --help)
 set -euo pipefail
+# A background job begins with SIGINT ignored, and a shell that does cannot handle it: it begins again without.
+# Told to end while a command runs, a shell waits for it, and goes on unless it has a trap.
+[[ -z $(trap -p INT) ]] || exec env --default-signal=INT bash "$0" "$@"
+trap 'exit 130' INT
 scripts=$(dirname "${BASH_SOURCE[0]}")
 if [[ " $* " == *' --help '* || " $* " == *' -h '* ]] && [[ ! -e $scripts/../ros2_ws/install/.built ]]; then
     cat <<'END'

@@ -22,7 +22,7 @@ from trunk_experiments.runs.offline_recording import OfflineRecorder, Within
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.schemas import deserialize, event, serialize, stamp_of
+from trunk_msgs_util.recording.schemas import deserialize, event, parse_event, serialize, stamp_of
 from trunk_msgs_util.recording.writer import RecordingWriter
 
 from .edited import ANEW, copied
@@ -105,6 +105,15 @@ def configure(messages: list[list], *nodes: str, process: int = 1, at: int = 0) 
 def count(messages: list[list]) -> None:
     """Say at the end what each process has published, instead of what was said before."""
     messages[:] = [m for m in messages if m[0] != EVENTS or b"published" not in m[2]]
+    rows = [deserialize(topics.JOINT_STATE_TYPE, m[2]) for m in messages if m[0] == INPUTS]
+    held = [row.velocity[0] >= 0.0 for row in rows[:-1]]
+    silent = next((k for k, acts in enumerate(reversed(held)) if acts), len(held))
+    for message in messages:
+        if message[0] == EVENTS and b"\0finished\0" in message[2]:
+            end = parse_event(message[2])
+            counts = {"commanded": sum(held), "silent": silent}
+            values = {**end.values, **counts}
+            message[2] = event(end.stamp_ns, end.node, end.message, values, source=end.source)
     sent: dict[str, Counter[str]] = {}
     for topic, _, data, *_ in messages:
         if topic not in (EVENTS, "/run/parameters"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import distributions
@@ -52,11 +53,20 @@ def test_node_ends_silently(children: Children, tmp_path: Path, library: str, nu
 
 def test_copies_begin_with_signals_blocked(children: Children) -> None:
     """Else one that comes before the executable's first line would end it with code 1, without a word."""
-    child = children.node("pid")
+    for index in range(6):
+        child = children.node("pid", name=f"pid{index}")
+        assert child.stop() == 0, child.stderr
     status = Path(f"/proc/{forked.server()}/status").read_text()
     blocked = int(status.partition("SigBlk:")[2].split()[0], 16)
     assert all(blocked >> (number - 1) & 1 for number in NUMBERS)
-    assert child.stop() == 0, child.stderr
+
+
+def test_copies_of_tests_in_the_background_lose_no_signal(children: Children) -> None:
+    """A background job begins with SIGINT ignored: where its copies did, too, most lost an early one."""
+    test = f"{__file__}::{test_copies_begin_with_signals_blocked.__name__}"
+    job = 'trap "" INT; cd "$1"; exec "$2" -m pytest -p no:cacheprovider "$3"'
+    tests = children.start("tests", "bash", "-c", job, "", Path.cwd(), sys.executable, test)
+    assert tests.wait() == 0, tests.stdout
 
 
 def simulating(child: Child) -> bool:

@@ -17,11 +17,13 @@ from typing import Any
 
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.runs.processes import find_executable
+from trunk_msgs_util.cpu_deadline import CpuDeadline
 
 from .forked import Forked
 
-# A process that was asked to end, directly or by its parent, may take this long on the busiest machine.
-_LEFT_S = 600.0
+# A process that was asked to end, directly or by its parent, may take this long; while a busy machine holds
+# it up, no time counts.
+_LEFT_S = 300.0
 _TOKEN = "TRUNK_TEST_TOKEN"
 # For `trunk params`: its own limit is shorter than a busy machine may hold a node up.
 PATIENT = ("--timeout", 600)
@@ -150,8 +152,8 @@ class Children:
 
     def close(self, failed: bool = False) -> None:
         """Fail the test where something has to be killed; where it has failed, kill at once."""
-        deadline = time.monotonic() + (0.0 if failed else _LEFT_S)
-        while (left := self.pids()) and time.monotonic() < deadline:
+        deadline = CpuDeadline(0.0 if failed else _LEFT_S)
+        while (left := self.pids()) and not deadline.spent(left):
             time.sleep(0.02)
         for pid in left:
             with suppress(ProcessLookupError):

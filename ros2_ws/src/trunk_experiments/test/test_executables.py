@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 
 import pytest
 
@@ -33,6 +34,21 @@ def test_no_signal_raises_inside_the_compiler(monkeypatch, inside, verb, expecte
     exec("def compile_it(): unwind(2)", code)
     with pytest.raises(expected):
         code["compile_it"]()
+
+
+@pytest.mark.parametrize("verb", ["verify", "run"])
+def test_no_import_swallows_a_signal(monkeypatch, tmp_path, verb):
+    ended = []
+    monkeypatch.setattr(executables, "_end", ended.append)
+    monkeypatch.setattr(executables.early_signals, "end_by", lambda action: None)
+    monkeypatch.setattr(sys, "argv", ["trunk", verb])
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    (tmp_path / f"catches_all_of_{verb}.py").write_text(
+        "from trunk_experiments import executables\n"
+        "try:\n    executables._unwind(2)\nexcept BaseException:\n    pass\n"
+    )
+    import_module(f"catches_all_of_{verb}")
+    assert ended == [2]
 
 
 @pytest.mark.parametrize(

@@ -42,17 +42,20 @@ def _works_with_others() -> bool:
 
 def _unwind(number: int) -> None:
     early_signals.end_by(_end)  # a second signal: do not wait
-    if _compiles() and not _works_with_others():
+    # Numba and LLVM crash on an asynchronous exception.
+    compiles = not _works_with_others() and _is_in("numba.", "llvmlite.")
+    # What imports may turn an exception into another, or go on as if there had been none.
+    if compiles or _is_in("importlib."):
         _end(number)
     raise _Interrupted(number)
 
 
-def _compiles() -> bool:
-    """Return True inside the compiler: numba and LLVM crash on an asynchronous exception."""
+def _is_in(*modules: str) -> bool:
+    """Return True inside a call of one of these modules, whose names begin so."""
     frame = sys._getframe()
     while frame.f_back is not None:
         frame = frame.f_back
-        if str(frame.f_globals.get("__name__")).startswith(("numba.", "llvmlite.")):
+        if str(frame.f_globals.get("__name__")).startswith(modules):
             return True
     return False
 

@@ -197,14 +197,14 @@ class Account:
     def _too_many(self) -> Iterator[str]:
         """Yield the topics with more messages of a process than it says; nothing if one began anew."""
         words = Counter((event.node, event.message) for event in self._events)
-        if any(message == Event.CLEANED_UP for _, message in words):
+        claims = self._claims()
+        if not claims or any(message == Event.CLEANED_UP for _, message in words):
             return
         uncounted = any(message == Event.CONNECTED for _, message in words) or any(
             words[node, Event.CONFIGURED] > words[node, Event.PUBLISHED]
             for node in {node for node, _ in words}
             if self._kind(node) not in _NO_CONTROLLER
         )
-        claims = self._claims()
         for (source, topic), count in self.counts.items():
             claimed = claims[source, topic]
             pushes = (

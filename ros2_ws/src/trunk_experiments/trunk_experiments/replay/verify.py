@@ -182,7 +182,8 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         verdict.checks.append(check)
     if complete and not rivals:
         verdict.contradictions += contradictions(run, rerun)
-    if complete and run.sourced and not any("commanded" in e.values for e in run.events):
+    counted = run.branch is not None or any("commanded" in e.values for e in run.events)
+    if complete and run.sourced and not counted:
         verdict.obstacles.append(_NO_COUNT)
     verdict.obstacles += _failures(run)
     verdict.obstacles += [] if complete else recorder_was_inactive(run)

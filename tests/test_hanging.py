@@ -1,0 +1,53 @@
+"""What hangs is given up soon, and what a busy machine holds up later: the limit of time of all tests."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from itertools import count, takewhile
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+LIMIT_S = 600.0
+
+
+@pytest.fixture
+def conftest(request: pytest.FixtureRequest) -> Iterator[Any]:
+    """Yield the root's conftest.py; afterwards the limit of this test counts as before."""
+    handler, timer = signal.getsignal(signal.SIGALRM), signal.getitimer(signal.ITIMER_REAL)
+    yield request.config.pluginmanager.get_plugin(str(Path(__file__).parents[1] / "conftest.py"))
+    signal.signal(signal.SIGALRM, handler)
+    signal.setitimer(signal.ITIMER_REAL, *timer)
+
+
+@pytest.mark.parametrize(
+    ("held_up", "given_up_after_s"), [(0.0, 600.0), (0.5, 1200.0), (1.0, 1800.0), (8.0, 1800.0)]
+)
+def test_time_in_which_somebody_is_held_up_counts_less(
+    conftest: Any, monkeypatch: pytest.MonkeyPatch, held_up: float, given_up_after_s: float
+) -> None:
+    """``held_up``: processes that wait for a processor at a time."""
+    step_s = LIMIT_S / 60
+    told_s = count(1000.0, held_up * step_s)
+    monkeypatch.setattr(conftest, "_held_up_s", lambda: next(told_s))
+    ended: list[int] = []
+    signal.signal(signal.SIGALRM, lambda number, frame: ended.append(number))
+    begun = conftest.pytest_timeout_set_timer(None, SimpleNamespace(timeout=LIMIT_S))
+    next(begun)  # the plugin has set its handler
+    next(begun, None)
+    look = signal.getsignal(signal.SIGALRM)
+    assert callable(look)
+    looks = sum(1 for _ in takewhile(lambda _: look(signal.SIGALRM, None) or not ended, count()))
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0), "the report is not interrupted"
+    assert looks * step_s == pytest.approx(given_up_after_s, abs=step_s + 1.0)
+
+
+def test_where_linux_tells_nothing_load_is_taken_for_granted(
+    conftest: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Path, "glob", lambda folder, pattern: iter(()))
+    monkeypatch.setattr(conftest, "monotonic", lambda: 7.0)
+    assert conftest._held_up_s() == 7.0
