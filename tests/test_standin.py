@@ -9,7 +9,8 @@ import pytest
 
 from .finished import finished
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).resolve().parents[1]
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
@@ -34,6 +35,14 @@ def test_a_verb_that_it_lacks_names_what_does_the_same(words: str, instead: str)
 @pytest.mark.parametrize(
     ("words", "line"),
     [
+        (
+            "topic pub -r 0 /a std_msgs/msg/Empty {}",
+            "ros2 topic pub: error: argument -r/--rate: it must be positive: 0; it takes ",
+        ),
+        (
+            "topic echo --qos-reliability foo /a",
+            "ros2 topic echo: error: argument --qos-reliability: invalid choice: 'foo' (choose from ",
+        ),
         (
             "topic bw /a",
             "ros2 (stand-in): no 'topic bw' here; the stand-in has topic list, topic echo, ",

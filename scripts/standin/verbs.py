@@ -44,6 +44,8 @@ INSTEAD = {"launch": "trunk run SCENARIO", "bag info": "trunk info BAG"}
 INSTEAD["bag record"] = "ros2 run trunk_msgs_util recorder"
 PATIENCE_S = 5.0
 NODE = "--timeout=5.0 node_name"
+POLICIES: dict[str, Any] = {"profile": qos.QoSPresetProfiles, "reliability": qos.ReliabilityPolicy}
+POLICIES["durability"] = qos.DurabilityPolicy
 QOS = "--qos-reliability= --qos-durability= --qos-profile="
 VERBS = {  # `=` is before the default of an option, `?` behind what may be left out
     "run": "package_name executable_name",
@@ -121,7 +123,7 @@ class Verbs:
         return topic, message_class(named or types()[0])
 
     def run(self, args: Namespace) -> None:
-        there = " ".join(executables(args.package_name))  # started by the script, if it is there
+        there = " ".join(executables(args.package_name))  # the script starts what is there
         missing = f"no executable '{args.executable_name}' in {args.package_name}"
         raise RuntimeError(f"{missing}; it has: {there}")
 
@@ -231,13 +233,15 @@ class Verbs:
 
     def set_all(self, parameters: list[Any], good: str, bad: str) -> int:
         """Set parameters one by one; return 1 if any is refused."""
+        if long := [p.name for p in parameters if not -(2**63) <= p.value.integer_value < 2**63]:
+            raise RuntimeError(f"{long[0]}: an integer beyond 64 bits")
         results: list[Any] = []
         for _, node in self.asked():
             results = node.ask(srv.SetParameters, SET_AGAIN_S, parameters=parameters).results
         for given, result in zip(parameters, results, strict=True):
-            text = (good if result.successful else bad).format(given.name)
-            reason = f": {result.reason}" if result.reason else ""
-            print(text + reason, file=sys.stdout if result.successful else sys.stderr)
+            done, reason = result.successful, result.reason and f": {result.reason}"
+            text = (good if done else bad).format(given.name) + reason
+            print(text, file=sys.stdout if done else sys.stderr)
         return int(not all(result.successful for result in results))
 
     def param_set(self, args: Namespace) -> int:
@@ -246,9 +250,9 @@ class Verbs:
         return self.set_all([given], "Set parameter successful", "Setting parameter failed")
 
     def param_load(self, args: Namespace) -> int:
-        read = parameter.parameter_dict_from_yaml_file
-        given = [*read(args.parameter_file, not args.no_use_wildcard).values()]
-        return self.set_all(given, "Set parameter {} successful", "Set parameter {} failed")
+        wild = not args.no_use_wildcard
+        given = parameter.parameter_dict_from_yaml_file(args.parameter_file, wild).values()
+        return self.set_all([*given], "Set parameter {} successful", "Set parameter {} failed")
 
     def node_list(self, args: Namespace) -> None:
         names = self.settled(hidden=args.all)
@@ -307,11 +311,10 @@ def executables(package: str) -> dict[str, Path]:
 
 
 def message_class(name: str) -> Any:
-    *space, last = name.split("/")
+    package, _, last = name.replace("/msg/", "/").partition("/")
     try:
-        kind = getattr(import_module(".".join(space if len(space) > 1 else [*space, "msg"])), last)
-        return kind.SLOT_TYPES and kind
-    except (AttributeError, ImportError, TypeError, ValueError):
+        return getattr(import_module(f"{package}.msg"), last)
+    except (AttributeError, ImportError, TypeError):
         raise RuntimeError("The passed message type is invalid") from None
 
 
@@ -344,8 +347,8 @@ def quality(args: Namespace, publishers: list[Any]) -> Any:
     """Return the QoS that is asked for; the rest of it fits the publishers."""
     profile = qos.QoSPresetProfiles[args.qos_profile.upper()].value
     for name in ("reliability", "durability"):
-        policy = getattr(qos, f"{name.capitalize()}Policy")
-        if given := getattr(args, f"qos_{name}"):
+        policy, given = POLICIES[name], getattr(args, f"qos_{name}")
+        if given:
             setattr(profile, name, policy[given.upper()])
         elif publishers:  # of 1 and 2, the second is offered by both
             values = [getattr(publisher.qos_profile, name) for publisher in publishers]
@@ -365,8 +368,13 @@ def parsed(verb: str, words: list[str]) -> Namespace:
         )
         if not word.startswith("-"):
             how = {"nargs": "?"} if word.endswith("?") else {}
+        if policy := POLICIES.get(names.removeprefix("--qos-")):
+            how["choices"] = policy.short_keys()
         parser.add_argument(*names.rstrip("?").split("/"), **how)
-    return parser.parse_args(words)
+    args = parser.parse_args(words)
+    if not getattr(args, "rate", 1.0) > 0.0:
+        parser.error(f"argument -r/--rate: it must be positive: {args.rate:g}")
+    return args
 
 
 def main(words: list[str]) -> Any:

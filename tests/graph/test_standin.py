@@ -62,6 +62,9 @@ def test_parameters(children: Children, peer: Peer, ros2: Ros2, tmp_path: Path) 
     assert ask("set", "gains.p", "-1.0") == (1, "", failed)
     assert values(peer, "pid", "gains.p") == [61.5]
 
+    large = 2**63
+    assert ask("set", "gains.p", large) == (1, "", "gains.p: an integer beyond 64 bits\n")
+
     code, text, errors = ask("dump")
     assert (code, text, errors) == (0, dump(peer, "pid") + "\n", "")
     assert ask("list") == (0, "".join(f"  {name}\n" for name in sorted(_names(text))), "")
