@@ -24,7 +24,7 @@ from .tools import daemon_of_ours, results, ros2
 
 
 def main() -> int:
-    if ros2("topic", "list", "--help").returncode:
+    if ros2("service", "list", "--help").returncode:
         print("skipped: no real ros2 command here; source /opt/ros/jazzy/setup.bash first")
         return 0
     with tempfile.TemporaryDirectory() as name, daemon_of_ours():

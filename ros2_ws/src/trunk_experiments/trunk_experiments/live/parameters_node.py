@@ -27,25 +27,27 @@ from ..errors import LiveParametersError, did_you_mean
 
 # Each client that DDS has to match takes time, so there are no others. A node discovers clients in
 # the order of their creation: once it has answered the last one, it also knows the others.
-_SERVICES = {
-    SetParametersAtomically: "set_parameters_atomically",
-    ListParameters: "list_parameters",
-    DescribeParameters: "describe_parameters",
-    GetParameters: "get_parameters",
-}
+_SERVICES = (SetParametersAtomically, ListParameters, DescribeParameters, GetParameters)
 # A response sent before the server has matched the client is lost: after so long the request is repeated.
-_ASK_AGAIN_S = {SetParametersAtomically: 1.0}
-_READ_AGAIN_S = 0.1
+SET_AGAIN_S, _READ_AGAIN_S = 1.0, 0.1
 _LOOK_S = 0.002  # there is no event for a discovered service
+
+
+def _service(kind: Any) -> str:
+    """Return the usual name of a kind of service: list_parameters for ListParameters."""
+    return "".join(f"_{c.lower()}" if c.isupper() else c for c in kind.__name__).lstrip("_")
 
 
 class LiveParameters:
     """The parameters of one running node; a context manager that owns its ROS context."""
 
-    def __init__(self, name: str, timeout_s: float) -> None:
-        """Take the node's fully qualified name; each step may last ``timeout_s``."""
+    def __init__(self, name: str, timeout_s: float, *kinds: Any) -> None:
+        """Take the node's fully qualified name; each step may last ``timeout_s``.
+
+        ``kinds`` of services can be asked, too.
+        """
         self._name = name
-        self._timeout_s = timeout_s
+        self.timeout_s = timeout_s
         middleware.prepare()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
@@ -58,14 +60,14 @@ class LiveParameters:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._clients = {
-            kind: self._node.create_client(kind, f"{name}/{service}")
-            for kind, service in _SERVICES.items()
+            kind: self._node.create_client(kind, f"{name}/{_service(kind)}")
+            for kind in (*kinds, *_SERVICES)
         }
 
     def __enter__(self) -> LiveParameters:
         """Wait for the node. Raises LiveParametersError naming the nodes that are running instead."""
         try:
-            self._ask(GetParameters)
+            self.ask(GetParameters)
             if self._names().count(self._name) > 1:
                 raise LiveParametersError(f"several nodes are named {self._name}: stop all but one")
         except BaseException:
@@ -80,12 +82,12 @@ class LiveParameters:
 
     def names(self) -> list[str]:
         """Return the names of the node's parameters."""
-        response = self._ask(ListParameters)
+        response = self.ask(ListParameters)
         return list(response.result.names)
 
     def values(self, names: Sequence[str]) -> dict[str, Any]:
         """Return current values by name. Raises LiveParametersError for names that the node does not have."""
-        response = self._ask(GetParameters, names=list(names))
+        response = self.ask(GetParameters, names=list(names))
         if len(response.values) < len(names):
             self._refuse_unknown(names)
         values = (parameter_value_to_python(value) for value in response.values)
@@ -93,7 +95,7 @@ class LiveParameters:
 
     def fixed(self, names: Sequence[str]) -> list[str]:
         """Return the parameters that are read-only."""
-        response = self._ask(DescribeParameters, names=list(names))
+        response = self.ask(DescribeParameters, names=list(names))
         return [d.name for d in response.descriptors if d.read_only]
 
     def set_together(self, values: Mapping[str, Any]) -> None:
@@ -106,7 +108,7 @@ class LiveParameters:
                 raise LiveParametersError(
                     f"{self._name}: parameter {name!r}: {value!r} cannot be the value of a ROS 2 parameter"
                 ) from None
-        response = self._ask(SetParametersAtomically, parameters=parameters)
+        response = self.ask(SetParametersAtomically, SET_AGAIN_S, parameters=parameters)
         if not response.result.successful:
             raise LiveParametersError(f"{self._name} refuses: {response.result.reason}")
 
@@ -129,21 +131,22 @@ class LiveParameters:
     def _absent(self) -> str:
         names = sorted(set(self._names()))
         if self._name in names:
-            return f"{self._name} does not answer within {self._timeout_s:g} s"
+            return f"{self._name} does not answer within {self.timeout_s:g} s"
         there = ", ".join(names) or "none in this ROS domain"
         meant = did_you_mean(self._name, names)
-        return f"no node {self._name} within {self._timeout_s:g} s; running nodes: {there}{meant}"
+        return f"no node {self._name} within {self.timeout_s:g} s; running nodes: {there}{meant}"
 
     def _until(self, condition: Callable[[], bool]) -> bool:
-        deadline = time.monotonic() + self._timeout_s
+        deadline = time.monotonic() + self.timeout_s
         while not condition():
             if time.monotonic() > deadline:
                 return False
             self._executor.spin_once(timeout_sec=_LOOK_S)
         return True
 
-    def _ask(self, kind: Any, **fields: Any) -> Any:
-        client, again_s = self._clients[kind], _ASK_AGAIN_S.get(kind, _READ_AGAIN_S)
+    def ask(self, kind: Any, again_s: float = _READ_AGAIN_S, **fields: Any) -> Any:
+        """Return the node's answer. Raises LiveParametersError if there is none."""
+        client = self._clients[kind]
         futures: list[Future] = []
         asked = -inf
 
