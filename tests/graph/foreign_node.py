@@ -8,9 +8,10 @@ import time
 from math import inf, nan
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 KP, KD = 60.0, 9.0
@@ -32,7 +33,12 @@ class ForeignNode(Node):
             "effort_command",
             QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT) if best else reliable,
         )
-        self.create_subscription(JointState, "joint_states", self.on_state, reliable)
+        asked = QoSProfile(depth=100)
+        if fault == "durability":
+            asked.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        elif fault == "deadline":
+            asked.deadline = Duration(seconds=0.05)
+        self.create_subscription(JointState, "joint_states", self.on_state, asked)
         if fault == "talks_in_silence":
             self.create_timer(0.02, lambda: self.command.publish(self.answer(JointState(), 1.0)))
 

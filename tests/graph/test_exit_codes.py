@@ -88,5 +88,13 @@ def test_stopped_before_the_run_begins(
     nodes = [children.node("recorder", "output:=run.mcap"), children.node("simulator", duration)]
     peer.until_event("simulator", "activated")
     peer.until_event("recorder", "activated")
+    peer.until_recorded(6)  # parameters, and two events, of each
     assert nodes[1].stop() == code, nodes[1].stderr
-    assert nodes[0].stop() == 0, nodes[0].stderr
+    assert nodes[0].stop() == code, nodes[0].stderr
+
+
+def test_a_recorder_of_no_run_at_all(children: Children, peer: Peer) -> None:
+    recorder = children.node("recorder", "output:=run.mcap")
+    peer.until_event("recorder", "activated")
+    assert recorder.stop() == 1
+    assert "the recorder was stopped before the run began" in recorder.stderr

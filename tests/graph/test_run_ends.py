@@ -161,7 +161,7 @@ def test_a_run_is_not_complete_without_the_commands_that_drove_it(
         node._on_truth(
             sample_to_wire(JointSample(stamp_ns, ("hip", "trunk"), effort=(0.0, effort)))
         )
-    node._check.counts.update({topics.GROUND_TRUTH: 2, topics.JOINT_STATES: 2})
+    node._account.counts.update({("", topics.GROUND_TRUTH): 2, ("", topics.JOINT_STATES): 2})
     node._on_event(event(0, "/simulator", "finished", {"states": "2"}))
     complete, why = node.verdict()
     assert complete == (torque == 0.0), why

@@ -139,8 +139,7 @@ def test_what_a_second_node_says_is_not_the_firsts(
     says(younger, "started", rate=200.0)
     says(younger, "failed", reason="another /simulator is running", states=1)
     node._on_change(parameter_event(0, "/simulator", {"a": 1.0}, {}, source=f"simulator@{younger}"))
-    assert node._check.end is None
-    assert node._check._begun == 1
+    assert node._account.end is None
     says(older, "finished", states=0, reason="finished")
     assert node.verdict() == (True, "finished")
     node.close()

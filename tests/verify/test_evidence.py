@@ -19,10 +19,15 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.schemas import event, parameter_event, parse_parameter_event
+from trunk_msgs_util.recording.schemas import (
+    event,
+    parameter_event,
+    parse_event,
+    parse_parameter_event,
+)
 
 from .. import real_time
-from ..edited import ANEW, copied
+from ..edited import ANEW, content, copied
 from ..real_time import INPUTS, changed, frame_of, in_frame, late_inputs, record_real_time, stamp_at
 from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of, without
 
@@ -347,3 +352,87 @@ def test_a_run_is_not_repeated_where_what_acted_is_not_on_record(late, name, tmp
     run = RecordedRun.open(tmp_path / "a.mcap")
     with pytest.raises(RecordingError, match=r"what acted at t = 0(\.3)? s is not on record"):
         run.plan()
+
+
+def of_two_runs(first, second, path):
+    """Write two simulators' runs with one process of pid as one recording; the first simulator was killed."""
+    later = content(second).messages
+    killed, begun = (real_time.source_of("simulator", k).encode() for k in (1, 2))
+
+    def edit(messages):
+        # A node that misses states is neither activated nor deactivated, as a planned one is.
+        words = (b"finished", b"published", b"activated")
+        messages[:] = [m for m in messages if m[0] != EVENTS or not any(w in m[2] for w in words)]
+        end = 1 + max(m[1] for m in messages)
+        for topic, log_time, data, publish_time, _ in later:
+            if topic != EVENTS or b"\0started\0" in data or b"configured" in data:
+                data = data.replace(killed, begun)
+                messages.append([topic, end + log_time, data, end + publish_time, 0])
+        real_time.number(messages)
+
+    copied(first, path, edit, ANEW, end=False)
+    return path
+
+
+@pytest.mark.parametrize("missed", [(0, 0), (60, 90), (170, 201)])
+def test_answers_belong_to_the_run_in_which_they_were_given(tmp_path, missed):
+    """States that pid missed in the first run share stamps with the second, whose answers are others."""
+    plan, steps = plan_of(*PULSE), np.arange(201)
+    there = (steps < missed[0]) | (steps >= missed[1])
+    inputs = late_inputs(plan, np.where(there, 0, steps - missed[0] + 1))
+    answered = replace(inputs, answered={"pid": H * steps[there]})
+    record_real_time(plan, tmp_path / "first.mcap", answered)
+    record_real_time(plan_of("simulator.initial.position=[0.0, 0.3]"), tmp_path / "second.mcap")
+    files = [tmp_path / f"{name}.mcap" for name in ("first", "second", "both")]
+    verdict = verify(Recording.open(of_two_runs(*files)))
+    assert verdict.exit_code == UNJUDGED, verdict.reasons
+    assert checks(verdict)["commands of pid"].steps == there.sum()
+    assert all(check.wrong_steps == 0 and check.until_ns <= 201 * H for check in verdict.checks)
+    assert not [check.reason for check in verdict.checks if check.reason]
+
+
+def test_a_process_that_gave_no_command_is_not_judged(in_time, tmp_path):
+    def restart(messages):
+        (first, second), last = (
+            (real_time.source_of("pid", k).encode() for k in (1, 2)),
+            messages[-1][1],
+        )
+        data = next(m[2] for m in of(messages, PARAMETERS) if b"/pid" in m[2])
+        messages.append([PARAMETERS, last, data.replace(first, second), last, 0])
+        real_time.configure(messages, "pid", process=2, at=len(messages) - 1)
+
+    verdict = verify(copied(in_time, tmp_path / "run.mcap", restart, ANEW))
+    assert verdict.exit_code == VERIFIED, verdict.reasons
+    assert "pid, process 2: no command of this process is on record" in verdict.unjudged
+
+
+@pytest.mark.parametrize(
+    ("held", "says"),
+    [
+        (0, "SILENT: pid gave no command (0 of 800 steps)"),
+        (500, "SILENT: pid gave no command after t = 2.5 s (500 of 800 steps)"),
+        (700, ""),  # half a second at the end: a busy machine
+        (800, ""),
+    ],
+)
+def test_a_run_in_which_nobody_controlled_says_so_first(tmp_path, held, says):
+    plan = make_plan("fig6", "pid", everywhere={"duration": 4.0, "update_rate": 200.0})
+    steps = np.arange(801)
+    inputs = replace(late_inputs(plan), command_index=np.where(steps < held, steps, -1))
+    recording = record_real_time(plan, tmp_path / "run.mcap", inputs)
+    doubts = doubts_of(RecordedRun(recording), twin=False)
+    assert doubts.lines[:1] == ([says] if says else doubts.lines[:1])
+    assert doubts.silent == says
+    assert (says.removeprefix("SILENT: ") in verify(recording).obstacles) == bool(says)
+
+
+def test_a_count_of_commanded_steps_follows_from_the_inputs(in_time, tmp_path):
+    def edit(messages):
+        for message in messages:
+            if message[0] == EVENTS and b"\0finished\0" in message[2]:
+                end = parse_event(message[2])
+                values = {**end.values, "commanded": 199, "silent": 1}
+                message[2] = event(end.stamp_ns, end.node, end.message, values, source=end.source)
+
+    verdict = verify(copied(in_time, tmp_path / "run.mcap", edit, ANEW))
+    assert verdict.contradictions[0] == "run/events: commanded = 199, by the plant's inputs 200"
