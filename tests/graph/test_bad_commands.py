@@ -170,6 +170,9 @@ def test_bad_states_and_strangers(children: Children, peer: Peer) -> None:
         return 2000 * PERIOD_NS in answered()
 
     peer.until(heard_best_effort, "a best-effort publisher is heard, too")
+    gaps = "gaps in the states, started afresh after them"
+    before = int(said.get(gaps, 0))  # of the flood, states may be lost
+    assert int(peer.fresh_diagnostics("pid")[gaps]) == before + 1
 
     assert pid.stop() == 0
     assert "Traceback" not in pid.stderr

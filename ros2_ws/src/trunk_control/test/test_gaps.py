@@ -41,8 +41,9 @@ def test_after_a_longer_gap_a_controller_starts_afresh(name, periods, beyond):
     later = PERIOD_NS + periods * config.period_ns + beyond
     after, (*_, answer) = driven(config, [*past, later], law)
     fresh, (first,) = driven(config, [later], law)
+    assert (answer.restarted, first.restarted) == (bool(beyond), False)
     if beyond:
-        assert (after.state, answer) == (fresh.state, first)
+        assert (after.state, answer._replace(restarted=False)) == (fresh.state, first)
     else:
         assert after.state.sample.dt == pytest.approx(periods / config.update_rate)
 
@@ -63,4 +64,11 @@ def test_a_takeover_after_a_gap_starts_afresh():
     assert controller.transfer_pending
     later = 101 * PERIOD_NS
     _, (first,) = driven(config, [later])
-    assert controller.update(later, 0.1, 0.0) == first
+    assert controller.update(later, 0.1, 0.0) == first._replace(restarted=True)
+
+
+def test_time_that_goes_back_is_a_new_run_and_is_told():
+    stamps = [0, PERIOD_NS, 2 * PERIOD_NS, PERIOD_NS, 2 * PERIOD_NS]
+    _, answers = driven(PidConfig(), stamps)
+    assert [answer.restarted for answer in answers] == [False, False, False, True, False]
+    assert answers[3] == answers[0]._replace(restarted=True)

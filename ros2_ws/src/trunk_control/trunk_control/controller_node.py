@@ -20,7 +20,7 @@ from trunk_msgs_util.units import seconds
 
 from .controller import Controller
 from .controller_config import ControllerConfig
-from .decide import Output, Reading, after_gap, state_record
+from .decide import Output, Reading, state_record
 from .inputs_node import Inputs
 from .law import Law
 from .laws import law_named
@@ -91,14 +91,13 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             return
         if self.run_stamp_ns < 0 < stamp_ns:
             self._join(stamp_ns)
-        seen = self._controller.state.pace.seen
-        if self.active and after_gap(seen, stamp_ns, self._controller.settings):
+        output = self._controller.decide(reading)
+        if output.restarted and (gap_ns := stamp_ns - self.run_stamp_ns) > 0:
             self.refuse(
                 "gaps in the states, started afresh after them",
-                f"no states for {seconds(stamp_ns - seen.stamp_ns):g} s up to t = {seconds(stamp_ns):g} s, "
+                f"no states for {seconds(gap_ns):g} s up to t = {seconds(stamp_ns):g} s, "
                 f"more than gap.max_periods ({self.config.max_gap_periods}) periods",
             )
-        output = self._controller.decide(reading)
         if output.active != self.active:
             self._take_turn(output.active)
         self.run_stamp_ns = stamp_ns

@@ -26,7 +26,7 @@ from .reference import TOPIC, ReferenceProfile, reference_at
 class Reading(NamedTuple):
     """A state as one controller reads it."""
 
-    stamp_ns: int
+    stamp_ns: int  # from 0 up
     position: float  # rad
     velocity: float  # rad/s
     hip: Hip = Hip()  # for laws that use the hip
@@ -92,6 +92,7 @@ class Output(NamedTuple):
     held: bool  # True: an update was due, but its input or output was not usable
     reference: float  # rad
     terms: LawTerms
+    restarted: bool = False  # True: started afresh, as time went back or after a gap
 
 
 _SAMPLE = Sample(0.0, 0.0, 0.0, 0.0, Hip(0.0, 0.0))
@@ -138,11 +139,6 @@ def reconfigured(
     """
     memory = law.reconfigure(state.memory, state.sample, old, new)
     return state._replace(memory=memory._replace(effort=limited(memory.effort, limits)))
-
-
-def after_gap(seen: Seen, stamp_ns: int, settings: Settings) -> bool:
-    """Return True if nothing is to be integrated since the last state seen, as it was too long ago."""
-    return seen.stamp_ns >= 0 and stamp_ns - seen.stamp_ns > settings.gap_ns
 
 
 def transfer_limits(limits: Limits, effort: float, step: float) -> Limits:
@@ -229,8 +225,10 @@ def decide(
     active, begun, updated_ns, due_ns, seen = c.pace
     if not active:
         c = followed(c, r.stamp_ns, r.position)
-        return c, Output(False, c.memory.effort, False, False, 0.0, s.no_terms)
-    if after_gap(seen, r.stamp_ns, s) or (begun and r.stamp_ns < updated_ns):
+        return c, Output(False, c.memory.effort, False, False, 0.0, s.no_terms, False)
+    after_gap = seen.stamp_ns >= 0 and r.stamp_ns - seen.stamp_ns > s.gap_ns
+    restarted = after_gap or (begun and r.stamp_ns < updated_ns)
+    if restarted:
         c = initial_state(True, seen, s.initial)
         _, begun, updated_ns, due_ns, _ = c.pace
     if s.profile.kind == TOPIC and r.has_reference:
@@ -240,7 +238,7 @@ def decide(
     # The next state, as far away as the last, will be nearer to the due instant.
     if begun and 2 * (due_ns - r.stamp_ns) > r.stamp_ns - seen.stamp_ns:
         c = followed(c, r.stamp_ns, r.position)
-        return c, Output(True, c.memory.effort, False, False, reference, s.no_terms)
+        return c, Output(True, c.memory.effort, False, False, reference, s.no_terms, False)
     memory = c.memory
     pending, seen_before, transferring, effort = c.transfer
     step_ns = s.period_ns
@@ -265,7 +263,7 @@ def decide(
             Pace(True, begun, updated_ns, due_ns, seen),
             Transfer(pending, seen_before, transferring, effort),
         )
-        return c, Output(True, terms.effort, False, True, reference, terms)
+        return c, Output(True, terms.effort, False, True, reference, terms, restarted)
     transferred = c.transfer
     if transferring:  # lift the narrowed limits once they no longer change the command
         transferring = terms.effort != limited(terms.unsaturated, s.limits)
@@ -273,7 +271,7 @@ def decide(
     c = ControllerState(
         after, sample, Pace(True, True, r.stamp_ns, following_ns, seen), transferred
     )
-    return c, Output(True, terms.effort, True, False, reference, terms)
+    return c, Output(True, terms.effort, True, False, reference, terms, restarted)
 
 
 def state_record(output: Output, measurement: float) -> tuple[float, ...]:

@@ -66,7 +66,8 @@ def written(exported, folder):
 def built(folder, sources, *flags, compiler=COMPILER):
     """Return a program of these sources; a warning is an error."""
     binary = folder / "program"
-    words = [compiler, *STRICT, *flags, *map(str, sources), "-o", str(binary)]
+    strict = STRICT[1:] if "c++" in flags else STRICT  # without -std=c99
+    words = [compiler, *strict, *flags, *map(str, sources), "-o", str(binary)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return binary
@@ -124,12 +125,28 @@ def test_the_self_test_finds_contraction(tmp_path):
     sources = written(exported, tmp_path)
     flags = ("-O2", "-mfma", "-ffp-contract=fast")
     assert replayed(built(tmp_path, sources, *flags), tmp_path, "pid")[0] == 0  # by the pragma
-    text, pragma = sources[0].read_text(), '#pragma GCC optimize("fp-contract=off")'
-    assert pragma in text
-    sources[0].write_text(text.replace(pragma, ""))
+    without_pragma(sources[0])
     code, out = replayed(built(tmp_path, sources, *flags), tmp_path, "pid")
     assert code == 1
     assert "contracts" in out
+
+
+def without_pragma(source):
+    """Take out what makes GCC keep the bits whatever its flags."""
+    text, count = re.subn("#pragma GCC optimize.*\n", "", source.read_text())
+    assert count == 1
+    source.write_text(text)
+
+
+@needs_compiler
+@pytest.mark.skipif("gcc" not in str(COMPILER), reason="needs gcc")
+def test_the_self_test_names_constants_of_single_precision(tmp_path):
+    sources = written(ExportedController(LAWS["pid"], LAWS["pid"].config()), tmp_path)
+    flags = ("-O2", "-fsingle-precision-constant", "-Wno-overflow")
+    assert replayed(built(tmp_path, sources, *flags), tmp_path, "pid")[0] == 0  # by the pragma
+    without_pragma(sources[0])
+    code, out = replayed(built(tmp_path, sources, *flags), tmp_path, "pid")
+    assert (code, "compile without -fsingle-precision-constant" in out) == (1, True)
 
 
 @needs_compiler
@@ -229,6 +246,104 @@ def test_parameters_that_do_not_fit_together_are_refused_on_the_target(tmp_path)
         ({"gains_p_min": 61.0, "gains_p_max": 61.0}, "1"),
     ):
         assert retuned_program(exported, tmp_path, values, samples)[0] == taken, values
+
+
+WRAP = """
+#include "pid.h"
+#include <stdio.h>
+int main(void) {
+    static pid_Controller c;
+    pid_Output o = {0};
+    int64_t wide = 0, steps = 0, restarts = 0;
+    for (int counted = 0; counted < 2; counted++) {
+        uint32_t us = 4294967295u - 60000000u;
+        pid_reset(&c);
+        for (long k = 0; k < 12010; k++, us += 5000u) {
+            const int64_t before = wide;
+            const pid_Reading r = {.stamp_ns = 1000 * (counted ? (int64_t)us : pid_widened(&wide, us)),
+                                   .position = 0.005};
+            pid_update(&c, &r, &o);
+            steps += k > 0 && wide - before == 5000;
+            restarts += o.restarted;
+        }
+        printf("%d %.1f\\n", (int)restarts, o.effort);
+    }
+    return steps == 12009 ? 0 : 1;
+}
+"""
+
+
+@needs_compiler
+def test_a_counter_that_wraps_is_widened_and_time_that_goes_back_is_told(tmp_path):
+    source, _ = written(ExportedController(LAWS["pid"], LAWS["pid"].config()), tmp_path)
+    (tmp_path / "wrap.c").write_text(WRAP)
+    binary = built(tmp_path, [source, tmp_path / "wrap.c"])
+    done = subprocess.run([str(binary)], capture_output=True, text=True, check=True)
+    assert done.stdout == "0 -30.3\n1 -0.3\n"
+
+
+def two_exports(tmp_path, *names):
+    """Write two exports of pid with other gains into folders `a` and `b`."""
+    for folder, p, name in zip("ab", (60.0, 70.0), names, strict=True):
+        (tmp_path / folder).mkdir()
+        written(
+            ExportedController(LAWS["pid"], LAWS["pid"].config(p=p), name=name), tmp_path / folder
+        )
+
+
+def using(folder, name):
+    return f"""#include "{folder}/{name}.h"
+#include <stdio.h>
+void use_{folder}(void);
+void use_{folder}(void) {{
+    static {name}_Controller c;
+    {name}_Parameters p;
+    {name}_reset(&c);
+    {name}_parameters(&c, &p);
+    printf("%g %d\\n", p.gains_p, {name}_self_test());
+}}
+"""
+
+
+@needs_compiler
+@pytest.mark.parametrize("flags", [(), ("-x", "c++", "-std=c++17")], ids=["C", "C++"])
+def test_two_exports_of_a_law_with_names_of_their_own_are_in_one_program(flags, tmp_path):
+    compiler = shutil.which("g++") if flags else COMPILER
+    if compiler is None:
+        pytest.skip("no C++ compiler: apt-get install g++")
+    two_exports(tmp_path, "pid", "left_hip")
+    main = tmp_path / "main.c"
+    text = using("a", "pid") + using("b", "left_hip") + '#include "a/pid.h"\n'
+    main.write_text(text + "int main(void) { use_a(); use_b(); return 0; }\n")
+    sources = [tmp_path / "a" / "pid.c", tmp_path / "b" / "left_hip.c", main]
+    binary = built(tmp_path, sources, *flags, compiler=compiler)
+    done = subprocess.run([str(binary)], capture_output=True, text=True, check=True)
+    assert done.stdout == "60 0\n70 0\n"
+
+
+@needs_compiler
+def test_of_two_exports_with_one_name_none_is_silently_the_other(tmp_path):
+    two_exports(tmp_path, "pid", "pid")
+
+    def compiled(*words):
+        command = [str(COMPILER), "-std=c99", *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        return done.returncode, done.stderr
+
+    (tmp_path / "both.c").write_text('#include "a/pid.h"\n#include "b/pid.h"\n')
+    code, err = compiled("-c", "both.c")
+    assert code != 0
+    assert "two exports with the name pid and other contents" in err
+    for folder in "ab":
+        (tmp_path / f"{folder}.c").write_text(using(folder, "pid"))
+        assert compiled("-c", f"{folder}/pid.c", "-o", f"pid_{folder}.o")[0] == 0
+        subprocess.run(["ar", "rcs", f"{folder}.a", f"pid_{folder}.o"], cwd=tmp_path, check=True)
+    (tmp_path / "main.c").write_text(
+        "void use_a(void); void use_b(void); int main(void) { use_a(); use_b(); return 0; }\n"
+    )
+    code, err = compiled("main.c", "a.c", "b.c", "a.a", "b.a", "-o", "program")
+    assert code != 0  # a linker would take the first of each name from the archives
+    assert "pid_update" in err
 
 
 def test_parameters_that_may_change_are_numbers_of_the_constants():

@@ -14,16 +14,20 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake: apt-get install cmake"),
 ]
+# CMakeLists of a project: two of one law, one of another.
+EXPORTS = {"lqr": "lqr", "pid": "pid", "left_hip": "pid"}
 PROJECT = """cmake_minimum_required(VERSION 3.13)
 project(robot C)
 add_subdirectory(lqr)
 add_subdirectory(pid)
+add_subdirectory(left_hip)
 add_executable(robot main.c)
-target_link_libraries(robot PRIVATE lqr pid)
+target_link_libraries(robot PRIVATE lqr pid left_hip)
 """
 MAIN = """#include "lqr.h"
 #include "pid.h"
-int main(void) { return lqr_self_test() == LQR_SOUND && pid_self_test() == PID_SOUND ? 0 : 1; }
+#include "left_hip.h"
+int main(void) { return lqr_self_test() + pid_self_test() + left_hip_self_test() == LEFT_HIP_SOUND ? 0 : 1; }
 """
 
 
@@ -45,9 +49,10 @@ def test_the_library_and_its_replay(kind, command_says, tmp_path):
     assert "100% tests passed" in said
 
 
-def test_two_controllers_in_another_project(command_says, tmp_path):
-    for name in ("lqr", "pid"):
-        assert command_says("export-c", name, "-o", tmp_path / name, "--cmake")[0] == 0
+def test_three_controllers_in_another_project(command_says, tmp_path):
+    for name, law in EXPORTS.items():
+        words = ("export-c", law, "--name", name, "-o", tmp_path / name, "--cmake")
+        assert command_says(*words)[0] == 0
     (tmp_path / "CMakeLists.txt").write_text(PROJECT)
     (tmp_path / "main.c").write_text(MAIN)
     run("cmake", "-S", tmp_path, "-B", tmp_path / "built")

@@ -63,11 +63,11 @@ struct Port {
     void print(const char *s) { fputs(s, stdout); }
     void print(long n) { printf("%ld", n); }
     void println(const char *s) { puts(s); }
-    void println(int n) { printf("%d\\n", n); }
 };
 static Port Serial;
+static unsigned long micros() { return 5; }
 #include "equal.ino"
-int main() { setup(); loop(); return 0; }
+int main() { setup(); loop(); return now_ns() == 5000 ? 0 : 1; }
 """
 
 
@@ -90,10 +90,13 @@ def compiled(words, folder):
 
 @needs_compiler
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler: apt-get install g++")
-@pytest.mark.parametrize("name", ["fuzzy_pid", "computed_torque"])
-def test_the_plug_in_compiles_against_stub_headers(name, command_says, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("law", "name"),
+    [("fuzzy_pid", "fuzzy_pid"), ("computed_torque", "computed_torque"), ("fuzzy_pid", "left_hip")],
+)
+def test_the_plug_in_compiles_against_stub_headers(law, name, command_says, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code, _, err = command_says("export-c", name, "-o", "c", "--ros2-control")
+    code, _, err = command_says("export-c", law, "--name", name, "-o", "c", "--ros2-control")
     assert code == 0, err
     folder = tmp_path / "c" / f"{name}_controller"
     tree = yaml.safe_load((folder / f"{name}_controller_parameters.yaml").read_text())
@@ -127,24 +130,24 @@ class ParamListener {{
         f"{name}_controller.cpp",
     ]
     compiled(words, folder)
-    default = parameters["gains"]["p_max" if name == "fuzzy_pid" else "p"]["default_value"]
-    assert default == {"fuzzy_pid": 60.0, "computed_torque": 100.0}[name]
+    default = parameters["gains"]["p_max" if law == "fuzzy_pid" else "p"]["default_value"]
+    assert default == {"fuzzy_pid": 60.0, "computed_torque": 100.0}[law]
 
 
 @needs_compiler
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler: apt-get install g++")
-def test_the_sketch_says_equal(command_says, tmp_path, monkeypatch):
+@pytest.mark.parametrize("flags", [(), ("-fsingle-precision-constant",)], ids=["plain", "Teensy"])
+def test_the_sketch_says_equal(flags, command_says, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code, _, err = command_says("export-c", "pid", "-o", "c", "--arduino")
+    code, _, err = command_says("export-c", "pid", "--name", "hip", "-o", "c", "--arduino")
     assert code == 0, err
-    library = tmp_path / "c" / "arduino" / "pid"
+    library = tmp_path / "c" / "arduino" / "hip"
     sketch = library / "examples" / "equal"
     (sketch / "main.cpp").write_text(ARDUINO)
-    compiled(
-        ["gcc", "-std=c99", "-O2", "-c", str(library / "src" / "pid.c"), "-o", "pid.o"], sketch
-    )
-    flags = ["-std=gnu++17", "-Wall", "-Wextra", f"-I{library / 'src'}"]
-    compiled(["g++", *flags, "main.cpp", "pid.o", "-o", "sketch"], sketch)
+    source = str(library / "src" / "hip.c")
+    compiled(["gcc", "-std=c99", "-O2", *flags, "-c", source, "-o", "hip.o"], sketch)
+    flags = [*flags, "-std=gnu++17", "-Wall", "-Wextra", f"-I{library / 'src'}"]
+    compiled(["g++", *flags, "main.cpp", "hip.o", "-o", "sketch"], sketch)
     done = subprocess.run([str(sketch / "sketch")], capture_output=True, text=True, check=True)
     assert done.stdout == "200 of 200 commands equal\n"
 
@@ -163,6 +166,20 @@ def test_the_sketch_says_equal(command_says, tmp_path, monkeypatch):
         ("export-c pid -o c --set lqr.u_clamp_max=3", "nothing in it is for pid: it is for lqr"),
         ("export-c pid -o c --params fuzzy_log", "give parameters of pid"),
         ("export-c pid -o c --law --ros2-control", "leave out --law"),
+        *(
+            (f"export-c pid -o c --name={name}", f"--name {name}: allowed are up to 64 letters")
+            for name in (
+                "3rd",
+                "int",
+                "left-hip",
+                "left__hip",
+                "_left",
+                "String",
+                "replay",
+                "näme",
+                "",
+            )
+        ),
     ],
 )
 def test_a_mistake_is_one_line(words, line, recordings_here, command_says):

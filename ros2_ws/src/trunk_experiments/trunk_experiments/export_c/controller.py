@@ -74,7 +74,7 @@ class ExportedStep(NamedTuple):
 
 @dataclass
 class ExportedController:
-    """A controller's translation. ``bare``: the law's update alone.
+    """A controller's translation. ``bare``: the law's update alone; ``name``: in C, by default the law's.
 
     Raises UntranslatableError for a law outside of the subset.
     """
@@ -82,13 +82,14 @@ class ExportedController:
     law: Law
     config: ControllerConfig
     bare: bool = False
+    name: str = ""
     program: Program = field(init=False)
 
     def __post_init__(self) -> None:
-        self.name = self.law.name
+        self.name = self.name or self.law.name
         self.program = p = Program(f"{self.name}_")
         p.names |= {f"{self.name}_{public}" for public in _PUBLIC}
-        p.names |= {f"{self.name}_{n}" for n in ("Controller", "Parameters")}
+        p.names |= {f"{self.name}_{n}" for n in ("Controller", "Parameters", "widened")}
         p.names |= {"SETTINGS", "INITIAL"}
         law, config = self.law, self.config
         self.settings = settings_of(config, law)
@@ -171,7 +172,7 @@ class ExportedController:
     def package(self) -> str:
         """The package of the law."""
         try:
-            return package_of(self.name)
+            return package_of(self.law.name)
         except KeyError:  # not registered
             return str(self.law.update.__module__).partition(".")[0]
 

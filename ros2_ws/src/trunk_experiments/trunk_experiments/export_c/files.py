@@ -2,18 +2,39 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from math import isfinite
 from typing import Any
 
 import yaml
 
+from ..errors import PlanError
 from .constants import definition
 from .controller import CELLS, ExportedController, ExportedStep
+from .program import RESERVED
 from .replay import MAGIC, packed
 from .source import fill, fill_from_bytes, filled, header, source
 
 _IN_ARDUINO = 200  # rows, so that they fit into its flash
 ROW_BYTES = 80
+_NAME = re.compile(
+    r"""(?! ( assert | complex | ctype | errno | fenv | inttypes | iso646 | limits | locale | math | setjmp
+    | signal | std\w+ | string | tgmath | threads | time | uchar | wchar | wctype  # headers of C
+    | replay | all | clean | help | install | package | test ) \Z )  # our own file, targets of CMake
+    [a-z] (_?[a-z0-9]){0,63}""",
+    re.ASCII | re.IGNORECASE | re.VERBOSE,
+)
+
+
+def check_name(name: str) -> str:
+    """Return a name for an export's functions and files. Raises PlanError if it cannot be one."""
+    if name in RESERVED or not _NAME.fullmatch(name):
+        raise PlanError(
+            f"--name {name}: allowed are up to 64 letters, digits and single _, the first a letter, but no "
+            "word of C or C++, header of C, target of CMake or replay: give another, such as left_hip"
+        )
+    return name
 
 
 def base_files(e: ExportedController, rows: Sequence[ExportedStep]) -> dict[str, bytes]:
@@ -62,7 +83,9 @@ def arduino_files(
 def _cell(number: int | float) -> str:
     if isinstance(number, bool):
         return "true" if number else "false"
-    return f"INT64_C({number})" if isinstance(number, int) else definition(number)
+    if isinstance(number, int):
+        return f"INT64_C({number})"
+    return f"{number.hex()}L" if isfinite(number) else definition(number)
 
 
 def ros2_control_files(e: ExportedController) -> dict[str, bytes]:

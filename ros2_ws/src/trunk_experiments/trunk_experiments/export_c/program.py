@@ -23,7 +23,7 @@ from .types import (
 )
 
 # Of C, of C++, of our own text.
-_RESERVED = set(
+RESERVED = set(
     re.findall(
         r"\w+",
         """
@@ -33,6 +33,7 @@ _RESERVED = set(
         char8_t char16_t char32_t compl concept constexpr const_cast decltype delete dynamic_cast explicit
         export friend mutable namespace new noexcept nullptr operator or_eq private protected public
         reinterpret_cast requires static_assert static_cast template this thread_local throw try typeid
+        and or not not_eq co_await co_return co_yield consteval constinit
         typename using virtual wchar_t xor xor_eq unix linux near far result NULL EOF INT64_C
         Reals RealRows Integers IntegerRows memory_of NOT_A_NUMBER INFINITE
         """,
@@ -63,7 +64,7 @@ class Definitions(Constants):
 
     def __init__(self, prefix: str = "") -> None:
         self.prefix = prefix
-        self.names: set[str] = set(HELPERS) | _RESERVED  # of the whole program
+        self.names: set[str] = set(HELPERS) | RESERVED  # of the whole program
         self.local_names: set[str] = set()
         self.functions: dict[tuple[Any, ...], Translated] = {}
         self.ordered: list[Translated] = []
@@ -98,7 +99,7 @@ class Definitions(Constants):
         if record.row:
             return f"v[{i}]"
         name = record.names[i]
-        return f"{name}_" if name in _RESERVED else name
+        return f"{name}_" if name in RESERVED else name
 
     # Types ---------------------------------------------------------------------------------------------
 

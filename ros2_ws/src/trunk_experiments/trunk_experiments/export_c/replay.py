@@ -26,7 +26,7 @@ def recorded_rows(run: RecordedRun, e: ExportedController) -> list[ExportedStep]
     Raises PlanError for a run whose commands do not follow from its states and these parameters alone.
     """
     plan = run.plan()
-    name = e.name
+    name = e.law.name
     if name not in plan.controllers:
         raise PlanError(
             f"--like {run.path}: {', '.join(plan.controllers) or 'no controller of ours'} ran in it, "
@@ -73,13 +73,13 @@ def recorded_rows(run: RecordedRun, e: ExportedController) -> list[ExportedStep]
 
 
 def _check_parameters(run: RecordedRun, e: ExportedController) -> None:
-    mine, theirs = values_of(e.config), values_of(run.config(e.name))
+    mine, theirs = values_of(e.config), values_of(run.config(e.law.name))
     for name, value in mine.items():
         acts = name not in ("autostart", "lockstep.enabled")
         if acts and repr(theirs.get(name)) != repr(value):
             raise PlanError(
-                f"--like {run.path}: {e.name} ran with {name} = {theirs.get(name)}, not {value}: leave out "
-                "--params and --set, or record a run with them"
+                f"--like {run.path}: {e.law.name} ran with {name} = {theirs.get(name)}, not {value}: leave "
+                "out --params and --set, or record a run with them"
             )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from hashlib import sha256
 from importlib.metadata import version
 from math import inf
 from string import Template
@@ -19,8 +20,18 @@ from .helpers import template
 from .program import Translated
 from .types import RecordType, Type
 
-# What NAME_self_test() returns.
-FAULTS = ("SOUND", "CONTRACTED", "EXTENDED", "ROUNDED", "FLUSHED", "DIFFERENT")
+# What NAME_self_test() returns: 0, 1, ...
+FAULTS = {
+    "SOUND": "sound",
+    "CONTRACTED": "the processor contracts a product and a sum: compile with -ffp-contract=off",
+    "EXTENDED": "sums have more bits than a double, or another order: no -ffast-math, no x87",
+    "ROUNDED": "it does not round to the nearest",
+    "FLUSHED": "small numbers are flushed to zero",
+    "DIFFERENT": "an answer is not CPython's",
+    "SINGLE": "constants are of single precision: compile without -fsingle-precision-constant",
+}
+_STAMPS = """ Stamps are ns from 0 up, in 64 bits. At one before the last update's, or more than
+ * {} ns after the last state's, it starts afresh: integral and past are gone, `restarted` is true."""
 
 
 def heading(e: ExportedController, purpose: str) -> str:
@@ -28,7 +39,7 @@ def heading(e: ExportedController, purpose: str) -> str:
     return f"""/* {e.law.label}: {purpose}.
  *
  * Written by trunk export-c {version("trunk_experiments")}; do not edit.
- * controller  {e.name} of {e.package}{" (the law alone)" if e.bare else ""}
+ * controller  {e.law.name} of {e.package}{" (the law alone)" if e.bare else ""}
  * parameters  {e.digest}
  * sources     {e.fingerprint}
  * arithmetic  {ARITHMETIC}
@@ -60,9 +71,15 @@ def header(e: ExportedController) -> str:
         update=_update_head(e),
         turns="" if e.bare else f"\n{filled('turns.h', e)}",
         tuning=tuning,
-        faults="\n".join(f"#define {n.upper()}_{fault} {i}" for i, fault in enumerate(FAULTS)),
+        stamps="" if e.bare else _STAMPS.format(e.settings.gap_ns),
+        faults="\n".join(
+            f"#define {n.upper()}_{fault} {i} /* {told} */"
+            for i, (fault, told) in enumerate(FAULTS.items())
+        ),
     )
-    return f"{heading(e, 'its interface')}\n{text}"
+    digest = sha256(f"{text}{source(e)}".encode()).hexdigest()[:16]
+    guard = filled("guard.h", e, content=digest, CONTENT=digest.upper(), text=text)
+    return f"{heading(e, 'its interface')}\n{guard}"
 
 
 def source(e: ExportedController) -> str:
@@ -92,6 +109,7 @@ static const {e.name}_Controller INITIAL = {{
 def filled(name: str, e: ExportedController, **values: object) -> str:
     """Return a template's text with the controller's names and these values."""
     about = {"name": e.name, "NAME": e.name.upper(), "label": e.law.label, "digest": e.digest}
+    about["fault_texts"] = "\n".join(f'    "{told}",' for told in FAULTS.values())
     return Template(template(name)).substitute(about, licence=e.licence, **values) + "\n"
 
 
@@ -131,6 +149,8 @@ def _public(e: ExportedController) -> str:
             ),
             f"void {n}_deactivate({n}_Controller *controller)": _changed(e, e.deactivate, []),
         }
+    widened = "*wide += (uint32_t)(count - (uint32_t)*wide)"
+    bodies[f"int64_t {n}_widened(int64_t *wide, uint32_t count)"] = f"    return {widened};"
     parts = [f"{head} {{\n{body}\n}}\n" for head, body in bodies.items()]
     return "\n".join([*parts, *([_tuning(e)] if e.leaves else []), _self_test(e)])
 

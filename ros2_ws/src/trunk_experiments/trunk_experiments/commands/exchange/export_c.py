@@ -41,6 +41,9 @@ from ...recorded.run import RecordedRun
     metavar="RUN.mcap",
     help="Replay this recording's states and commands; its parameters come before --params and --set.",
 )
+@click.option(
+    "--name", help="The name in C, of functions, files and targets; by default CONTROLLER."
+)
 @click.option("--law", "bare", is_flag=True, help="The law's update alone, without rate and turns.")
 @click.option("--cmake", is_flag=True, help="Also a CMakeLists.txt.")
 @click.option(
@@ -57,6 +60,7 @@ def command(
     output: Path,
     force: bool,
     like: Path | None,
+    name: str | None,
     bare: bool,
     cmake: bool,
     ros2_control: bool,
@@ -68,17 +72,24 @@ def command(
     Without --params, --set and --like its parameters are the defaults.
     """
     from ...export_c.controller import ExportedController
-    from ...export_c.files import arduino_files, base_files, cmake_files, ros2_control_files
+    from ...export_c.files import (
+        arduino_files,
+        base_files,
+        check_name,
+        cmake_files,
+        ros2_control_files,
+    )
     from ...export_c.replay import bare_rows, recorded_rows, swinging_rows
 
     if bare and ros2_control:
         raise PlanError(
             "--law --ros2-control: the plug-in needs the whole controller: leave out --law"
         )
+    name = check_name(controller if name is None else name)
     check_folder(output, force)
     run = None if like is None else open_run(like)
     config = _config(controller, params, settings, run)
-    exported = ExportedController(law_named(controller), config, bare)
+    exported = ExportedController(law_named(controller), config, bare, name)
     rows = swinging_rows(exported)
     if run is not None:
         rows = recorded_rows(run, exported)
@@ -92,14 +103,15 @@ def command(
     texts |= ros2_control_files(exported) if ros2_control else {}
     texts |= arduino_files(exported, rows, origin) if arduino else {}
     written = _written(output, texts, [*params, *([like] if like else [])])
-    source = output / f"{controller}.c"
+    source = output / f"{name}.c"
     words = ["cc", "-std=c99", "-O2", source, output / "replay.c", "-o", output / "replay"]
     compile_command = [str(word) for word in words]
-    run_command = [str(_runnable(output / "replay")), str(output / f"{controller}.states")]
+    run_command = [str(_runnable(output / "replay")), str(output / f"{name}.states")]
     compared = sum(row.compared for row in rows)
     if as_json:
         values = {
             "controller": controller,
+            "name": name,
             "law_alone": bare,
             "folder": output,
             "files": written,
