@@ -23,6 +23,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, wraps
 from importlib.metadata import version
+from importlib.util import find_spec
+from itertools import accumulate
 from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar, cast
@@ -32,7 +34,7 @@ from numba.core.codegen import get_host_cpu_features
 from numba.core.errors import NumbaError as NumbaError
 from numba.extending import register_jitable
 
-from .compilable import call_graph
+from .compilable import OURS, call_graph, package_of
 
 # Without numba's reference counting (_nrt): for arrays in named tuples passed between functions it took
 # half of a run's time. So compiled code only uses arrays that it is given, which the caller keeps alive;
@@ -135,13 +137,22 @@ def reason_of(error: Exception) -> str:
     return " ".join([*reasons[:1], *where[-1:]]) or type(error).__name__
 
 
-def fingerprint(function: Callable[..., Any]) -> str:
-    """Return a hash of a twin's source files and of numba's version."""
-    names = {Path(__file__)}  # the options are part of it
-    names |= {Path(callee.__code__.co_filename) for callee in call_graph(function)}
-    digest = hashlib.sha256(version("numba").encode())
-    for path in sorted(names, key=lambda path: (path.name, str(path))):
-        digest.update(_contents(path))
+def fingerprint(*functions: Callable[..., Any]) -> str:
+    """Return a hash of what determines the functions' numbers: sources, and the compiler's version.
+
+    The sources are all that the functions' modules import, directly or not, of their packages and of this
+    project: what is called need not be a name in a function, and constants are compiled in.
+    """
+    callees = {callee for function in functions for callee in call_graph(function)}
+    packages = frozenset({*OURS, *map(package_of, callees)})
+    files: set[str] = set()
+    waiting = {__file__, *(callee.__code__.co_filename for callee in callees)}
+    while waiting:
+        files |= waiting
+        waiting = set().union(*(_imported(file, packages) for file in waiting)) - files
+    digest = hashlib.sha256(f"{version('numba')} {version('llvmlite')}".encode())
+    for content in sorted(set(map(_contents, files))):  # wherever they are installed
+        digest.update(content)
     return digest.hexdigest()[:16]
 
 
@@ -181,6 +192,30 @@ def _delete_unused(folder: Path) -> None:
                 shutil.rmtree(old)
 
 
+# A parser would take longer than loading machine code. Words that are no module's name do no harm.
+_IMPORT = re.compile(
+    r"^[ \t]*(?:from[ \t]+(\.*)([\w.]*)[ \t]+)?import[ \t]+(\([^)]*\)|(?:.*\\\n)*.*)", re.MULTILINE
+)
+
+
 @cache
-def _contents(path: Path) -> bytes:
-    return path.read_bytes()
+def _imported(file: str, packages: frozenset[str]) -> set[str]:
+    """Return the files of these packages that a file imports, anywhere in it."""
+    stems: set[str] = set()
+    for dots, base, names in _IMPORT.findall(_contents(file).decode()):
+        for name in re.findall(r"[\w.]+", names):
+            module = (f"{base}.{name}" if base else name).split(".")
+            if dots:
+                folder = file.rsplit("/", len(dots))[0]
+            elif module[0] in packages and (spec := find_spec(module[0])) and spec.origin:
+                folder = spec.origin.rsplit("/", 2)[0]
+            else:
+                continue
+            stems |= set(accumulate((folder, *module), "{}/{}".format))
+    paths = (path for stem in stems for path in (f"{stem}.py", f"{stem}/__init__.py"))
+    return set(filter(os.path.isfile, paths))
+
+
+@cache
+def _contents(path: str) -> bytes:
+    return Path(path).read_bytes()
