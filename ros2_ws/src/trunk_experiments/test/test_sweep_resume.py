@@ -151,29 +151,34 @@ DECIDE_NUMBERS = [
 ]
 
 
-def changed(monkeypatch, name):
-    """Let the file with this name, PACKAGE/MODULE.py, have a byte more."""
-    assert find_spec(name.removesuffix(".py").replace("/", "."))
-    contents = compiled._contents.__wrapped__
-    monkeypatch.setattr(
-        compiled, "_contents", lambda path: contents(path) + b"\n" * path.endswith("/" + name)
-    )
+@pytest.fixture
+def change(monkeypatch):
+    """Let the file with a name, PACKAGE/MODULE.py, have a byte more."""
+
+    def change(name):
+        assert find_spec(name.removesuffix(".py").replace("/", "."))
+        contents = compiled._contents.__wrapped__
+        monkeypatch.setattr(
+            compiled, "_contents", lambda path: contents(path) + b"#" * path.endswith(f"/{name}")
+        )
+        module.sources.cache_clear()
+
+    yield change
+    module.sources.cache_clear()
 
 
 @pytest.mark.parametrize("name", DECIDE_NUMBERS)
-def test_blocks_of_changed_sources_are_refused(study, tmp_path, monkeypatch, name):
+def test_blocks_of_changed_sources_are_refused(study, tmp_path, change, name):
     interrupted(study, tmp_path / "out.parquet")
-    changed(monkeypatch, name)
-    monkeypatch.setattr(module, "sources", module.sources.__wrapped__)
+    change(name)
     with pytest.raises(StudyError, match="other sources or libraries"):
         SweepJob(study, tmp_path / "out.parquet").start()
 
 
 @pytest.mark.parametrize("name", ["gateway/server.py", "views/report.py", "commands/live.py"])
-def test_what_decides_no_number_does_not_discard_a_sweep(study, tmp_path, monkeypatch, name):
+def test_what_decides_no_number_does_not_discard_a_sweep(study, tmp_path, change, name):
     interrupted(study, tmp_path / "out.parquet")
-    changed(monkeypatch, f"trunk_experiments/{name}")
-    monkeypatch.setattr(module, "sources", module.sources.__wrapped__)
+    change(f"trunk_experiments/{name}")
     assert SweepJob(study, tmp_path / "out.parquet").start() == 3
 
 
