@@ -11,6 +11,7 @@ from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.parameters.body import body_of, body_parameter
 from trunk_msgs_util.parameters.config import ManagedConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+from trunk_msgs_util.topics import EFFORT_COMMAND
 from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 
 from .actuator import Actuator, approach_of
@@ -182,7 +183,8 @@ class SimulatorConfig(ManagedConfig):
     lockstep: bool = parameter(
         "lockstep.enabled",
         False,
-        "Step when every topic in wait_for has answered the state, not by the wall clock",
+        "Step when every topic in wait_for, effort_command among them, has answered the state, not by the "
+        "wall clock",
         fixed=True,
     )
     lockstep_timeout: float = parameter(
@@ -217,6 +219,9 @@ class SimulatorConfig(ManagedConfig):
     )
 
     def __post_init__(self) -> None:
+        if self.lockstep and EFFORT_COMMAND not in self.wait_for:
+            needed = f"{EFFORT_COMMAND} among them, as lockstep.enabled is true"
+            raise ParameterError("wait_for", self.wait_for, needed)
         x, theta = self.initial_position
         if max(abs(x * self.wavenumber), abs(theta)) > LARGEST_ANGLE:
             raise ParameterError(
