@@ -97,6 +97,7 @@ def test_a_path_has_at_most_32_harmonics(name):
             [-1.0],
             "double array of at most 10000, each >= 0",
         ),
+        (DisturbanceConfig, "pulse.start_times", {1: 2, 3: 4}, "double array of at most 10000"),
         (DisturbanceConfig, "pulse.channel", "head", "string, one of hip_effort, trunk_effort"),
         (DisturbanceConfig, "noise.components", 0, "integer, >= 1 and <= 4096"),
         (
