@@ -39,15 +39,14 @@ def _called(function: FunctionType) -> Iterator[FunctionType]:
     for cell in function.__closure__ or ():
         if isinstance(cell.cell_contents, FunctionType):
             yield cell.cell_contents
-    packages = {*OURS, package_of(function)}
+    packages = {*OURS, _package(function)}
     for name in names_used(function.__code__):
         value = function.__globals__.get(name)
-        if isinstance(value, FunctionType) and package_of(value) in packages:
+        if isinstance(value, FunctionType) and _package(value) in packages:
             yield value
 
 
-def package_of(function: FunctionType) -> str:
-    """Return the name of the top-level package that a function is in."""
+def _package(function: FunctionType) -> str:
     return function.__module__.split(".")[0]
 
 

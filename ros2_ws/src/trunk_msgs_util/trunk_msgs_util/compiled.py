@@ -34,7 +34,7 @@ from numba.core.codegen import get_host_cpu_features
 from numba.core.errors import NumbaError as NumbaError
 from numba.extending import register_jitable
 
-from .compilable import OURS, call_graph, package_of
+from .compilable import OURS, call_graph
 
 # Without numba's reference counting (_nrt): for arrays in named tuples passed between functions it took
 # half of a run's time. So compiled code only uses arrays that it is given, which the caller keeps alive;
@@ -138,22 +138,16 @@ def reason_of(error: Exception) -> str:
 
 
 def fingerprint(*functions: Callable[..., Any]) -> str:
-    """Return a hash of what determines the functions' numbers: sources, and the compiler's version.
-
-    The sources are all that the functions' modules import, directly or not, of their packages and of this
-    project: what is called need not be a name in a function, and constants are compiled in.
-    """
+    """Return a hash of the functions' files, of all that these import, and of the compiler's version."""
     callees = {callee for function in functions for callee in call_graph(function)}
-    packages = frozenset({*OURS, *map(package_of, callees)})
+    packages = frozenset(OURS) | {callee.__module__.split(".")[0] for callee in callees}
     files: set[str] = set()
     waiting = {__file__, *(callee.__code__.co_filename for callee in callees)}
     while waiting:
         files |= waiting
         waiting = set().union(*(_imported(file, packages) for file in waiting)) - files
-    digest = hashlib.sha256(f"{version('numba')} {version('llvmlite')}".encode())
-    for content in sorted(set(map(_contents, files))):  # wherever they are installed
-        digest.update(content)
-    return digest.hexdigest()[:16]
+    versions = f"{version('numba')} {version('llvmlite')}".encode()
+    return hashlib.sha256(b"".join((versions, *sorted(map(_contents, files))))).hexdigest()[:16]
 
 
 def cache_folder() -> Path:
@@ -193,9 +187,7 @@ def _delete_unused(folder: Path) -> None:
 
 
 # A parser would take longer than loading machine code. Words that are no module's name do no harm.
-_IMPORT = re.compile(
-    r"^[ \t]*(?:from[ \t]+(\.*)([\w.]*)[ \t]+)?import[ \t]+(\([^)]*\)|(?:.*\\\n)*.*)", re.MULTILINE
-)
+_IMPORT = re.compile(r"(?m)^\s*(?:from\s+(\.*)([\w.]*)\s+)?import\s+(\([^)]*\)|(?:.*\\\n)*.*)")
 
 
 @cache
@@ -205,13 +197,11 @@ def _imported(file: str, packages: frozenset[str]) -> set[str]:
     for dots, base, names in _IMPORT.findall(_contents(file).decode()):
         for name in re.findall(r"[\w.]+", names):
             module = (f"{base}.{name}" if base else name).split(".")
-            if dots:
-                folder = file.rsplit("/", len(dots))[0]
-            elif module[0] in packages and (spec := find_spec(module[0])) and spec.origin:
-                folder = spec.origin.rsplit("/", 2)[0]
-            else:
-                continue
-            stems |= set(accumulate((folder, *module), "{}/{}".format))
+            spec = None if dots or module[0] not in packages else find_spec(module[0])
+            origin = file if dots else spec and spec.origin
+            if origin:
+                folder = origin.rsplit("/", len(dots) or 2)[0]
+                stems |= set(accumulate((folder, *module), "{}/{}".format))
     paths = (path for stem in stems for path in (f"{stem}.py", f"{stem}/__init__.py"))
     return set(filter(os.path.isfile, paths))
 

@@ -11,7 +11,6 @@ from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.parameters.body import body_of, body_parameter
 from trunk_msgs_util.parameters.config import ManagedConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
-from trunk_msgs_util.topics import EFFORT_COMMAND
 from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 
 from .actuator import Actuator, approach_of
@@ -183,8 +182,7 @@ class SimulatorConfig(ManagedConfig):
     lockstep: bool = parameter(
         "lockstep.enabled",
         False,
-        "Step when every topic in wait_for, effort_command among them, has answered the state, not by the "
-        "wall clock",
+        "Step when all in wait_for, with effort_command, have answered the state, not by the wall clock",
         fixed=True,
     )
     lockstep_timeout: float = parameter(
@@ -219,8 +217,8 @@ class SimulatorConfig(ManagedConfig):
     )
 
     def __post_init__(self) -> None:
-        if self.lockstep and EFFORT_COMMAND not in self.wait_for:
-            needed = f"{EFFORT_COMMAND} among them, as lockstep.enabled is true"
+        if self.lockstep and "effort_command" not in self.wait_for:
+            needed = "effort_command among them, as lockstep.enabled is true"
             raise ParameterError("wait_for", self.wait_for, needed)
         x, theta = self.initial_position
         if max(abs(x * self.wavenumber), abs(theta)) > LARGEST_ANGLE:

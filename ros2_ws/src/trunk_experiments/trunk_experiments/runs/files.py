@@ -49,10 +49,9 @@ class RunFiles:
             place = plan.namespace.replace("/", "_")
             folder = first = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}{place}"
             try:
-                first.parent.mkdir(exist_ok=True)
                 for number in count(2):
                     with suppress(FileExistsError):  # of another run, begun in the same second
-                        folder.mkdir()
+                        folder.mkdir(parents=True)
                         break
                     folder = Path(f"{first}_{number}")
             except OSError as error:

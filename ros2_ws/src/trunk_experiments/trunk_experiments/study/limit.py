@@ -82,13 +82,10 @@ def find_limit(
         count = next((k for k, value in enumerate(ordered) if not tried[value]), len(ordered))
         stands = ordered[count - 1] if count else None
         falls = ordered[count] if count < len(ordered) else None
-        values = []
-        if stands is not None and falls is not None and abs(falls - stands) > within:
-            between = np.linspace(stands, falls, LANES + 2).tolist()
-            values = sorted(set(between) - tried.keys())  # none: no double lies between
-        if not values:
+        if falls is None or stands is None or abs(falls - stands) <= max(within, ulp(stands)):
             again = tuple(value for value in ordered[count:] if tried[value])
             return Bracket(stands, falls, again, len(tried))
+        values = np.linspace(stands, falls, LANES + 2)[1:-1].tolist()
 
 
 def conditions_of(

@@ -25,7 +25,7 @@ from trunk_control.laws import law_named
 from trunk_msgs_util.compiled import fingerprint
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.provenance import OF_MACHINE, PACKAGE, gather
+from trunk_msgs_util.provenance import ARITHMETIC, OF_MACHINE, gather, packages_of_laws
 
 from ..analysis.metrics import RunMetrics
 from ..batch.block import summaries
@@ -62,10 +62,9 @@ Runner = Callable[[Iterable[RunBlock]], Iterator[tuple[int, pa.Table]]]
 @cache
 def sources() -> str:
     """Return a hash of the sources and of the libraries that determine a run's numbers."""
-    known = ("numpy", "arithmetic", PACKAGE)
-    libraries = {name: text for name, text in gather().items() if name.startswith(known)}
-    # Draws from a distribution use NumPy's and SciPy's functions.
-    libraries |= {"scipy": version("scipy"), "libm": " ".join(libc_ver()), "machine": machine()}
+    libraries = {name: version(name) for name in ("numpy", "scipy")}  # for draws
+    libraries |= {"arithmetic": ARITHMETIC, "libm": " ".join(libc_ver()), "machine": machine()}
+    libraries |= packages_of_laws()
     code = fingerprint(run_block, *(law_named(name).update for name in CONTROLLERS))
     return f"{code}-{json.dumps(libraries, sort_keys=True)}"
 
