@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections import defaultdict
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +156,57 @@ def test_fingerprints_differ_by_law_and_are_stable():
     assert compiled.fingerprint(pid) != compiled.fingerprint(fuzzy_pid)
     again = compiled_run.loop_of(law_named("pid"))
     assert compiled.fingerprint(pid) == compiled.fingerprint(again)
+
+
+@pytest.mark.parametrize(
+    ("text", "path"),
+    [
+        ("from .settings import GAIN", "law/settings.py"),
+        ("from . import settings", "law/settings.py"),
+        ("from . import GAIN", "law/__init__.py"),
+        ("from ..other.deep import (  # one\n    gain,\n    other as name,\n)", "other/deep.py"),
+        ("def f():\n    from law_of_mine import \\\n        other", "other/__init__.py"),
+        ("import json, law_of_mine.other.deep as deep", "other/deep.py"),
+        ("import law_of_mine.other.deep", "other/__init__.py"),
+        ("from trunk_control.law import Law", None),
+    ],
+)
+def test_the_machine_code_is_of_all_that_its_sources_import(tmp_path, monkeypatch, text, path):
+    package = tmp_path / "law_of_mine"
+    for folder in (package, package / "law", package / "other"):
+        folder.mkdir()
+        (folder / "__init__.py").write_text("GAIN = 1.0\n")
+    (package / "law/settings.py").write_text("GAIN = 1.0\n")
+    (package / "other/deep.py").write_text("gain = other = 1.0\n")
+    (package / "law/unused.py").write_text("")
+    (package / "law/update.py").write_text(f"{text}\n\n\ndef update(x):\n    return x\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    update = import_module("law_of_mine.law.update").update
+
+    def fingerprint() -> str:
+        compiled._contents.cache_clear()
+        return compiled.fingerprint(update)
+
+    before = fingerprint()
+    (package / "law/unused.py").write_text("# other\n")
+    assert fingerprint() == before
+    if path is not None:
+        (package / path).write_text("# other\n")
+        assert fingerprint() != before
+    for name in [name for name in sys.modules if name.startswith("law_of_mine")]:
+        del sys.modules[name]
+    compiled._imported.cache_clear()
+
+
+@pytest.mark.parametrize("name", ["trunk_sim/config", "trunk_control/law", "trunk_msgs_util/units"])
+def test_the_machine_code_of_a_run_is_of_all_that_its_loop_imports(monkeypatch, name):
+    loop = compiled_run.loop_of(law_named("pid"))
+    before = compiled.fingerprint(loop)
+    contents = compiled._contents.__wrapped__
+    monkeypatch.setattr(
+        compiled, "_contents", lambda path: contents(path) + b"#" * path.endswith(f"/{name}.py")
+    )
+    assert compiled.fingerprint(loop) != before
 
 
 def test_it_compiles_even_without_a_writable_folder(tmp_path, monkeypatch):

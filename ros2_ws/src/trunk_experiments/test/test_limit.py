@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from math import radians
+from itertools import count
+from math import nextafter, radians
 from typing import NamedTuple
 
 import pytest
@@ -61,6 +62,29 @@ def test_the_bisection_closes_in(monkeypatch):
     assert found.stands <= 61.3 < found.falls <= found.stands + 1e-3
     assert found.stands_again == ()
     assert found.runs == done[-1] <= limit.most_runs(0.0, 100.0, 1e-3) <= 16 * 5
+
+
+@pytest.mark.parametrize("ends", [(146.89512, 146.89513), (146.89513, 146.89512), (0.0, 5e-324)])
+def test_the_bisection_ends_at_neighbouring_doubles(monkeypatch, ends):
+    last = ends[0] + 0.4 * (ends[1] - ends[0])
+    monkeypatch.setattr(limit, "summaries", stands_below(sorted((ends[0], last))))
+    rounds = count(1)
+
+    def progress(runs):
+        assert next(rounds) < 20, "it goes on for ever"
+        assert runs <= limit.most_runs(*ends, 0.0)
+
+    found = find_limit(PlanAt, *ends, 0.0, progress)
+    assert (found.stands, found.falls) == (last, nextafter(last, ends[1]))
+
+
+def test_both_sides_are_written_so_that_they_differ(command_says, monkeypatch):
+    monkeypatch.setattr(limit, "summaries", stands_magnitudes)
+    words = ("limit", "demo", *PUSH[2:4], *PUSH[6:], "--controller", "pid", "--within", "1e-9")
+    code, out, _ = command_says(*words, "--from", "99.99999999", "--to", "100.00000001")
+    assert code == 0
+    stands, falls = (float(word) for word in out.splitlines()[4].split()[1:3])
+    assert 99.99999999 < stands < falls < 100.00000001
 
 
 @pytest.mark.parametrize("ends", [(0.0, -100.0), (100.0, -100.0)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,14 @@ def test_without_an_output_the_folder_is_made_below_runs(tmp_path, monkeypatch):
     files = RunFiles.for_run(make_plan("demo", "pid"))
     assert files.folder.is_dir()
     assert files.folder.parts[0] == "runs"
+
+
+def test_runs_that_begin_at_once_share_no_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(time, "strftime", lambda *_: "20270101T000000Z")
+    folders = [RunFiles.for_run(make_plan("demo", "pid")).folder for _ in range(3)]
+    first = Path("runs/20270101T000000Z_demo_pid")
+    assert folders == [first, Path(f"{first}_2"), Path(f"{first}_3")]
 
 
 def test_where_no_folder_can_be_made_the_option_is_named(tmp_path, monkeypatch):

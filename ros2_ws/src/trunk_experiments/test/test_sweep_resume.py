@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from importlib.util import find_spec
 
 import pyarrow.parquet as pq
 import pytest
@@ -14,13 +15,12 @@ from trunk_experiments.errors import StudyError, SweepError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.study import design
 from trunk_experiments.study import sweep as module
-from trunk_experiments.study.bases import plan_of
 from trunk_experiments.study.draws import Distribution
 from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.map import panels
 from trunk_experiments.study.results import Results
 from trunk_experiments.study.sweep import SweepJob, processes, run_block
-from trunk_msgs_util.compiled import fingerprint
+from trunk_msgs_util import compiled
 from trunk_msgs_util.parameters.declarations import values_of
 
 PARAMETERS = """
@@ -137,8 +137,49 @@ def test_blocks_with_other_draws_are_refused(study, tmp_path, monkeypatch):
     design.drawn_values.cache_clear()
 
 
-def test_the_sources_include_the_code_that_makes_a_rows_plan():
-    assert fingerprint(plan_of) in module.sources()
+DECIDE_NUMBERS = [
+    "trunk_sim/config.py",
+    "trunk_control/controller_config.py",
+    "trunk_control/reference_config.py",
+    "trunk_control/law.py",
+    *(f"trunk_control/{name}.py" for name in ("pid", "fuzzy_pid", "lqr", "fuzzy_torque")),
+    "trunk_msgs_util/units.py",
+    "trunk_msgs_util/parameters/body.py",
+    "trunk_msgs_util/parameters/declarations.py",
+    "trunk_experiments/study/draws.py",
+    "trunk_experiments/study/sweep.py",
+]
+
+
+@pytest.fixture
+def change(monkeypatch):
+    """Let the file with a name, PACKAGE/MODULE.py, have a byte more."""
+
+    def change(name):
+        assert find_spec(name.removesuffix(".py").replace("/", "."))
+        contents = compiled._contents.__wrapped__
+        monkeypatch.setattr(
+            compiled, "_contents", lambda path: contents(path) + b"#" * path.endswith(f"/{name}")
+        )
+        module.sources.cache_clear()
+
+    yield change
+    module.sources.cache_clear()
+
+
+@pytest.mark.parametrize("name", DECIDE_NUMBERS)
+def test_blocks_of_changed_sources_are_refused(study, tmp_path, change, name):
+    interrupted(study, tmp_path / "out.parquet")
+    change(name)
+    with pytest.raises(StudyError, match="other sources or libraries"):
+        SweepJob(study, tmp_path / "out.parquet").start()
+
+
+@pytest.mark.parametrize("name", ["gateway/server.py", "views/report.py", "commands/live.py"])
+def test_what_decides_no_number_does_not_discard_a_sweep(study, tmp_path, change, name):
+    interrupted(study, tmp_path / "out.parquet")
+    change(f"trunk_experiments/{name}")
+    assert SweepJob(study, tmp_path / "out.parquet").start() == 3
 
 
 def test_a_file_in_place_of_the_folder_is_refused(study, tmp_path):

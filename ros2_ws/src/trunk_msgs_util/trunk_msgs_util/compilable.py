@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-_OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
+OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 
 
 def call_graph(function: Callable[..., Any]) -> list[FunctionType]:
@@ -39,7 +39,7 @@ def _called(function: FunctionType) -> Iterator[FunctionType]:
     for cell in function.__closure__ or ():
         if isinstance(cell.cell_contents, FunctionType):
             yield cell.cell_contents
-    packages = {*_OURS, _package(function)}
+    packages = {*OURS, _package(function)}
     for name in names_used(function.__code__):
         value = function.__globals__.get(name)
         if isinstance(value, FunctionType) and _package(value) in packages:

@@ -23,6 +23,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, wraps
 from importlib.metadata import version
+from importlib.util import find_spec
+from itertools import accumulate
 from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar, cast
@@ -32,7 +34,7 @@ from numba.core.codegen import get_host_cpu_features
 from numba.core.errors import NumbaError as NumbaError
 from numba.extending import register_jitable
 
-from .compilable import call_graph
+from .compilable import OURS, call_graph
 
 # Without numba's reference counting (_nrt): for arrays in named tuples passed between functions it took
 # half of a run's time. So compiled code only uses arrays that it is given, which the caller keeps alive;
@@ -135,14 +137,17 @@ def reason_of(error: Exception) -> str:
     return " ".join([*reasons[:1], *where[-1:]]) or type(error).__name__
 
 
-def fingerprint(function: Callable[..., Any]) -> str:
-    """Return a hash of a twin's source files and of numba's version."""
-    names = {Path(__file__)}  # the options are part of it
-    names |= {Path(callee.__code__.co_filename) for callee in call_graph(function)}
-    digest = hashlib.sha256(version("numba").encode())
-    for path in sorted(names, key=lambda path: (path.name, str(path))):
-        digest.update(_contents(path))
-    return digest.hexdigest()[:16]
+def fingerprint(*functions: Callable[..., Any]) -> str:
+    """Return a hash of the functions' files, of all that these import, and of the compiler's version."""
+    callees = {callee for function in functions for callee in call_graph(function)}
+    packages = frozenset(OURS) | {callee.__module__.split(".")[0] for callee in callees}
+    files: set[str] = set()
+    waiting = {__file__, *(callee.__code__.co_filename for callee in callees)}
+    while waiting:
+        files |= waiting
+        waiting = set().union(*(_imported(file, packages) for file in waiting)) - files
+    versions = f"{version('numba')} {version('llvmlite')}".encode()
+    return hashlib.sha256(b"".join((versions, *sorted(map(_contents, files))))).hexdigest()[:16]
 
 
 def cache_folder() -> Path:
@@ -181,6 +186,26 @@ def _delete_unused(folder: Path) -> None:
                 shutil.rmtree(old)
 
 
+# A parser would take longer than loading machine code. Words that are no module's name do no harm.
+_IMPORT = re.compile(r"(?m)^\s*(?:from\s+(\.*)([\w.]*)\s+)?import\s+(\([^)]*\)|(?:.*\\\n)*.*)")
+
+
 @cache
-def _contents(path: Path) -> bytes:
-    return path.read_bytes()
+def _imported(file: str, packages: frozenset[str]) -> set[str]:
+    """Return the files of these packages that a file imports, anywhere in it."""
+    stems: set[str] = set()
+    for dots, base, names in _IMPORT.findall(_contents(file).decode()):
+        for name in re.findall(r"[\w.]+", names):
+            module = (f"{base}.{name}" if base else name).split(".")
+            spec = None if dots or module[0] not in packages else find_spec(module[0])
+            origin = file if dots else spec and spec.origin
+            if origin:
+                folder = origin.rsplit("/", len(dots) or 2)[0]
+                stems |= set(accumulate((folder, *module), "{}/{}".format))
+    paths = (path for stem in stems for path in (f"{stem}.py", f"{stem}/__init__.py"))
+    return set(filter(os.path.isfile, paths))
+
+
+@cache
+def _contents(path: str) -> bytes:
+    return Path(path).read_bytes()

@@ -60,6 +60,13 @@ def test_values_rebuild_their_configuration(config):
     assert build(config, values_of(config())) == config()
 
 
+@pytest.mark.parametrize("names", [[], ["recorder"], ["disturbance", "reference"]])
+def test_in_lockstep_commands_are_waited_for(names):
+    assert build(SimulatorConfig, {"wait_for": names}).wait_for == tuple(names)
+    with pytest.raises(ParameterError, match=r"'wait_for': \[.*\] is not allowed: effort_command"):
+        build(SimulatorConfig, {"wait_for": names, "lockstep.enabled": True})
+
+
 @pytest.mark.parametrize("name", ["path.cosines", "path.sines"])
 def test_a_path_has_at_most_32_harmonics(name):
     assert len(build(SimulatorConfig, {name: [0.1] * 32}).body.harmonics) == 64
@@ -90,6 +97,7 @@ def test_a_path_has_at_most_32_harmonics(name):
             [-1.0],
             "double array of at most 10000, each >= 0",
         ),
+        (DisturbanceConfig, "pulse.start_times", {1: 2, 3: 4}, "double array of at most 10000"),
         (DisturbanceConfig, "pulse.channel", "head", "string, one of hip_effort, trunk_effort"),
         (DisturbanceConfig, "noise.components", 0, "integer, >= 1 and <= 4096"),
         (

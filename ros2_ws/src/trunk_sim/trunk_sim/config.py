@@ -182,7 +182,7 @@ class SimulatorConfig(ManagedConfig):
     lockstep: bool = parameter(
         "lockstep.enabled",
         False,
-        "Step when every topic in wait_for has answered the state, not by the wall clock",
+        "Step when all in wait_for, with effort_command, have answered the state, not by the wall clock",
         fixed=True,
     )
     lockstep_timeout: float = parameter(
@@ -217,6 +217,9 @@ class SimulatorConfig(ManagedConfig):
     )
 
     def __post_init__(self) -> None:
+        if self.lockstep and "effort_command" not in self.wait_for:
+            needed = "effort_command among them, as lockstep.enabled is true"
+            raise ParameterError("wait_for", self.wait_for, needed)
         x, theta = self.initial_position
         if max(abs(x * self.wavenumber), abs(theta)) > LARGEST_ANGLE:
             raise ParameterError(

@@ -15,7 +15,7 @@ from trunk_control.decide import Output
 from trunk_control.law import Law
 from trunk_control.laws import law_named
 from trunk_msgs_util.compilable import with_arrays
-from trunk_msgs_util.compiled import compiled_or_plain, fingerprint
+from trunk_msgs_util.compiled import compiled_or_plain
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.disturbances import Disturbance
@@ -24,7 +24,6 @@ from trunk_sim.step import Measurement, Plant, PlantStatus, at_rest, noisy, torq
 
 from ..analysis.metrics import RunMetrics, metrics
 from ..analysis.run_table import RunTable
-from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan
 from ..runs.loop import DIVERGED, Chain, Decision, LoopState, Surroundings, segment_of
 from ..runs.loop_inputs import (
@@ -153,11 +152,6 @@ def compiled_loop(laws: tuple[str, ...]) -> Callable[..., tuple[int, bool]]:
 
 def _not_compiled(laws: tuple[str, ...], reason: str) -> None:
     warnings.warn(f"{', '.join(laws)}: not compilable, so CPython runs it: {reason}", stacklevel=4)
-
-
-def loops_fingerprint() -> str:
-    """Return a hash of all sources that determine a compiled run's numbers."""
-    return "-".join(fingerprint(loop_of(law_named(name))) for name in CONTROLLERS)
 
 
 class Outcome(NamedTuple):

@@ -257,17 +257,12 @@ def _show(limits: dict[str, Bracket], vary: str, unit: str, bounds: tuple[float,
         if limit.stands_again:
             again = ", ".join(f"{value:g}" for value in limit.stands_again[:5])
             show_warnings([f"{name}: beyond the first fall it stands again at {again} {unit}"])
-        rows.append(
-            (
-                name,
-                "none" if limit.stands is None else f"{limit.stands:.5g}",
-                "none" if limit.falls is None else f"{limit.falls:.5g}",
-                str(limit.runs),
-            )
-        )
+        sides = limit.stands, limit.falls
+        written = (["none" if x is None else f"{x:.{n}g}" for x in sides] for n in range(5, 18))
+        rows.append((name, *next(pair for pair in written if pair[0] != pair[1]), str(limit.runs)))
     low, high = bounds
     print_table(
-        f"{vary} from {low:g} to {high:g} {unit}",
+        f"{vary} from {low:.10g} to {high:.10g} {unit}",
         ("controller", f"stands, {unit}", f"falls, {unit}", "runs"),
         rows,
     )

@@ -7,6 +7,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_values
+from itertools import count
 from pathlib import Path
 
 from trunk_msgs_util.recording.bag_folder import METADATA
@@ -43,11 +44,20 @@ class RunFiles:
         Raises PlanError if a file that the run would write exists: with ``force``, only if it is not from a
         run, or is still being written. None: the user has no such option.
         """
-        given = folder
         if folder is None:
             stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
             place = plan.namespace.replace("/", "_")
-            folder = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}{place}"
+            folder = first = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}{place}"
+            try:
+                for number in count(2):
+                    with suppress(FileExistsError):  # of another run, begun in the same second
+                        folder.mkdir(parents=True)
+                        break
+                    folder = Path(f"{first}_{number}")
+            except OSError as error:
+                raise PlanError(
+                    f"{folder}: {error.strerror}: give a folder with --output"
+                ) from None
         files = cls(folder, replaces=bool(force))
         if os.path.lexists(folder) and not folder.is_dir():
             raise PlanError(f"output {folder}: it is not a folder: give another")
@@ -56,12 +66,7 @@ class RunFiles:
         for file in files.all:
             if os.path.lexists(file):
                 files._check_replaceable(file, "" if force is None else ", or --force")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            if given is not None:
-                raise  # the error names it
-            raise PlanError(f"{folder}: {error.strerror}: give a folder with --output") from None
+        folder.mkdir(parents=True, exist_ok=True)
         return files
 
     def _check_replaceable(self, file: Path, way_out: str) -> None:

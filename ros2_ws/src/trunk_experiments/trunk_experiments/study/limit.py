@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from math import ceil, degrees, log
+from math import ceil, degrees, log, ulp
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,8 +51,9 @@ def stood(run: RunSummary, plan: RunPlan) -> bool:
 
 def most_runs(first: float, last: float, within: float) -> int:
     """Return how many runs `find_limit` makes at most: each round divides a gap by ``LANES + 1``."""
-    gap = abs(last - first) / (LANES - 1)
-    return LANES * (1 + max(0, ceil(log(gap / within) / log(LANES + 1))))
+    within = max(within, ulp(max(abs(first), abs(last))))
+    gaps = max(1.0, abs(last - first) / (LANES - 1) / within)
+    return LANES * (1 + ceil(log(gaps) / log(LANES + 1)))
 
 
 def find_limit(
@@ -61,7 +62,8 @@ def find_limit(
 ) -> Bracket:  # fmt: skip
     """Return the last value on the way from ``first``, which stands, to ``last`` that stands, to ``within``.
 
-    ``last`` may be the smaller one. ``progress`` takes the number of runs that were made so far.
+    Neighbouring doubles are as near as it goes. ``last`` may be the smaller one. ``progress`` takes the
+    number of runs that were made so far.
     Each round tries as many values as there are lanes: first the whole range, then between the last that
     stands and the first that falls. A fall need not be final: a stronger pulse may throw the trunk through to
     where it is caught, so what stands beyond is returned, too. Raises PlanError for a value that is refused.
@@ -80,7 +82,7 @@ def find_limit(
         count = next((k for k, value in enumerate(ordered) if not tried[value]), len(ordered))
         stands = ordered[count - 1] if count else None
         falls = ordered[count] if count < len(ordered) else None
-        if falls is None or stands is None or abs(falls - stands) <= within:
+        if falls is None or stands is None or abs(falls - stands) <= max(within, ulp(stands)):
             again = tuple(value for value in ordered[count:] if tried[value])
             return Bracket(stands, falls, again, len(tried))
         values = np.linspace(stands, falls, LANES + 2)[1:-1].tolist()

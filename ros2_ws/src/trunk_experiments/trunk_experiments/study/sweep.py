@@ -21,16 +21,18 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from trunk_control.laws import law_named
 from trunk_msgs_util.compiled import fingerprint
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.provenance import OF_MACHINE, gather
+from trunk_msgs_util.provenance import ARITHMETIC, OF_MACHINE, gather, packages_of_laws
 
 from ..analysis.metrics import RunMetrics
 from ..batch.block import summaries
-from ..batch.compiled_run import Batch, loops_fingerprint
+from ..batch.compiled_run import Batch
 from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
 from ..errors import PlanError, StudyError, SweepError
+from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan
 from .bases import make_bases, plan_of
 from .design import design
@@ -60,10 +62,10 @@ Runner = Callable[[Iterable[RunBlock]], Iterator[tuple[int, pa.Table]]]
 @cache
 def sources() -> str:
     """Return a hash of the sources and of the libraries that determine a run's numbers."""
-    libraries = {name: text for name, text in gather().items() if name in ("numpy", "arithmetic")}
-    # Draws from a distribution use NumPy's and SciPy's functions.
-    libraries |= {"scipy": version("scipy"), "libm": " ".join(libc_ver()), "machine": machine()}
-    code = f"{loops_fingerprint()}-{fingerprint(summaries)}-{fingerprint(plan_of)}"
+    libraries = {name: version(name) for name in ("numpy", "scipy")}  # for draws
+    libraries |= {"arithmetic": ARITHMETIC, "libm": " ".join(libc_ver()), "machine": machine()}
+    libraries |= packages_of_laws()
+    code = fingerprint(run_block, *(law_named(name).update for name in CONTROLLERS))
     return f"{code}-{json.dumps(libraries, sort_keys=True)}"
 
 

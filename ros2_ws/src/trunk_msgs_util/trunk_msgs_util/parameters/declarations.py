@@ -172,7 +172,7 @@ def check(declaration: Declaration, value: object) -> Value:
     Raises ParameterError for another type, a value out of bounds, NaN, or a wrong length.
     """
     if declaration.kind.endswith("array"):
-        if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
+        if isinstance(value, str | bytes | Mapping) or not hasattr(value, "__iter__"):
             raise ParameterError(declaration.name, value, declaration.allowed())
         items = tuple(value)
         if (

@@ -249,7 +249,12 @@ class _Parser:
                 yield symbol or sign
 
     def whole(self) -> Unit:
-        unit = self.product()
+        unit = Unit()
+        # Only in front, alone or divided: in 5 m1 or 50%% a sign is too many.
+        if first := self.tokens[1:2] in ([], ["/"]) and self.is_at("1", "%"):
+            unit = SYMBOLS["%"] if self.tokens.pop(0) == "%" else unit
+        if self.tokens or not first:
+            unit = unit.times(self.product())
         if self.tokens:
             raise self.misplaced(self.tokens[0])
         return unit
@@ -279,9 +284,7 @@ class _Parser:
                 raise UnitError(f"the unit {self.text!r} lacks a )")
             self.tokens.pop(0)
             return unit
-        if token == "1":
-            return Unit()
-        if isinstance(token, int) or not (token.isalpha() or token in SYMBOLS):
+        if isinstance(token, int) or not (token.isalpha() or token == "°"):
             raise self.misplaced(token)
         if token not in SYMBOLS:
             raise UnitError(f"there is no unit {token!r}{_meant(token)}")
