@@ -176,6 +176,7 @@ case $* in
         ;;
     *) die "unknown argument '$*': --no-dev is allowed, and --no-dev --no-build" ;;
 esac
+[[ -d requirements ]] || die "nothing is installed in an image ($root): run trunk and ros2, without scripts/"
 pins=$(cd requirements && cat {setuptools,runtime,ros,build}.txt "${dev[@]/%/.txt}" | sha256sum)
 
 python=$(identify .venv/bin/python) || python=''

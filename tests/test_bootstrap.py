@@ -50,6 +50,15 @@ def started(checkout, stderr):
     )
 
 
+def test_in_an_image_there_is_nothing_to_install(checkout):
+    shutil.rmtree(checkout / "requirements")
+    process = started(checkout, subprocess.PIPE)
+    (line,) = process.communicate()[1].decode().splitlines()
+    assert process.returncode == 1
+    assert line.startswith("bootstrap: nothing is installed in an image (")
+    assert line.endswith("): run trunk and ros2, without scripts/")
+
+
 def test_the_cost_is_printed_first_and_each_list_is_numbered(checkout):
     process = started(checkout, subprocess.PIPE)
     (checkout / "allowed").write_text("\n")

@@ -82,8 +82,8 @@ _EARLY = "stopped at t = "
 _NO_END = "the recorder was stopped before the run was finished"
 
 ROWS = (
-    Row((STARTING,), (SIMULATOR,), ASKING, 1, _ENDED, Recording.NONE),
-    Row((STARTING,), (DISTURBANCE, CONTROLLER, RECORDER), ASKING, 1, _LEFT, Recording.NONE),
+    Row((STARTING,), (SIMULATOR, RECORDER), ASKING, 1, _ENDED, Recording.NONE),
+    Row((STARTING,), (DISTURBANCE, CONTROLLER), ASKING, 1, _LEFT, Recording.NONE),
     Row((STARTING,), NODES, (SIGKILL,), 1, _KILLED, Recording.NONE),
     Row((STARTING,), (RUNNER,), ASKING, 1, _TOLD, Recording.NONE),
     Row((STARTING,), (RUNNER,), (SIGKILL,), -9, "", Recording.NONE),

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from trunk_experiments.plans.nodes import NODES
+from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.processes import find_executable
 
 from .peer import Peer
@@ -127,6 +128,15 @@ def test_wrong_arguments(children: Children, tmp_path: Path) -> None:
         line = refusal(child)
         assert line.startswith("pid: error: "), line
         assert text in line, line
+
+
+def test_a_plan_for_another_controller(children: Children, tmp_path: Path) -> None:
+    file = tmp_path / "params.yaml"
+    make_plan("fig8", "fuzzy_pid").write_parameters(file)
+    line = refusal(children.node("pid", "--params-file", file))
+    assert line.startswith(f"pid: error: {file}: the plan is for fuzzy_pid, it has no /pid: ")
+    away = children.node("fuzzy_pid", "--params-file", file, "-r", "__ns:=/away")
+    assert "it has no /away/fuzzy_pid" in refusal(away)
 
 
 NOT_USED = {  # arguments: what the line says, after "error: "

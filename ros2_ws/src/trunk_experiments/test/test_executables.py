@@ -1,4 +1,4 @@
-"""What a signal does to a verb, by what it interrupts; how `params` exits."""
+"""What a signal does to a verb, by what it interrupts; how `params` and `run` exit."""
 
 from __future__ import annotations
 
@@ -53,14 +53,16 @@ def test_no_import_swallows_a_signal(monkeypatch, tmp_path, verb):
 
 @pytest.mark.parametrize(
     ("verb", "code", "at_once"),
-    [("params", 1, True), ("params", 0, True), ("params", "told", False), ("verify", 1, False)],
+    [("params", 1, True), ("run", 0, True), ("params", "told", False), ("verify", 1, False)],
 )
-def test_params_exits_with_its_code_without_waiting_for_libraries(monkeypatch, verb, code, at_once):
+def test_what_has_loaded_rclpy_exits_with_its_code_without_unloading_it(
+    monkeypatch, verb, code, at_once
+):
     def leave(number):
         assert number == code
         raise EndedError
 
-    monkeypatch.setattr(executables.os, "_exit", leave)
+    monkeypatch.setattr(executables.streams.os, "_exit", leave)
     monkeypatch.setattr(sys, "argv", ["trunk", verb])
     if at_once:
         with pytest.raises(EndedError):

@@ -7,7 +7,6 @@ import signal
 import sys
 import time
 import traceback
-from contextlib import suppress
 from threading import Thread
 
 from trunk_msgs_util import streams
@@ -21,8 +20,8 @@ _PATIENCE = 0.5  # s that a verb has to clean up
 _WITH_OTHERS = {"run", "bench", "sweep", "paper", "params", "tune", "live", "watch"}
 _WITH_OTHERS |= {"map", "study map"}
 
-# Nothing is left to do after these, and unloading rclpy would take as long as talking to a node.
-_LEAVE_AT_ONCE = {"params"}
+# These have loaded rclpy, and nothing is left to do after them.
+_LEAVE_AT_ONCE = {"params", "run", "live", "watch"}
 
 bare_pair = early_signals.node("trunk_experiments.bench.bare_pair_node")
 composed = early_signals.node("trunk_experiments.runs.composed_node")
@@ -87,12 +86,9 @@ def _end_soon() -> None:
 
 
 def _leave(stop: SystemExit) -> None:
-    """End the process with the exit code of a finished verb; its output is written first."""
+    """End the process with the exit code of a finished verb."""
     if set(sys.argv[1:2]) & _LEAVE_AT_ONCE and isinstance(stop.code, int):
-        with suppress(OSError):  # the disk is full
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(stop.code)
+        streams.leave(stop.code)
 
 
 def trunk() -> None:

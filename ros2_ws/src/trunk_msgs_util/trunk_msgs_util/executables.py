@@ -4,4 +4,7 @@ from __future__ import annotations
 
 from .node import early_signals
 
-recorder = early_signals.node("trunk_msgs_util.node.recorder_node")
+recorder = early_signals.node(
+    "trunk_msgs_util.node.recorder_node",
+    undone="recorder: stopped while it was loading: nothing is recorded\n",
+)

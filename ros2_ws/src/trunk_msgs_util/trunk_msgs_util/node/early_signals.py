@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FrameType
 
 from .. import streams
-from ..errors import TrunkError
+from ..errors import EXIT_FAILED, TrunkError
 from . import middleware
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
@@ -55,22 +55,32 @@ def end_by(end: Callable[[int], None]) -> None:
     unblock()
 
 
-def node(module: str, *arguments: str) -> Callable[[], None]:
+def node(module: str, *arguments: str, undone: str = "") -> Callable[[], None]:
     """Return the executable of a node: a signal before ``module.main`` handles them ends it with code 0.
 
-    A running node that is told to end has the same code: it did as it was told.
+    A running node that is told to end has the same code: it did as it was told. ``undone``: the line that
+    one says which fails, as it has not even begun.
     """
+
+    def end(number: int) -> None:  # nothing has started, so there is nothing to clean up
+        os.write(2, undone.encode())
+        os._exit(EXIT_FAILED if undone else 0)
 
     def main() -> None:
         streams.prepare()
         if any(option.startswith("error") for option in sys.warnoptions):  # rclpy itself warns
             warnings.simplefilter("default")
-        end_by(lambda number: os._exit(0))  # nothing has started, so there is nothing to clean up
+        end_by(end)
         try:
             middleware.prepare()  # where there is no room for rclpy, it is not even imported
         except TrunkError as error:
             print(f"{Path(sys.argv[0]).name}: error: {error}", file=sys.stderr)
             sys.exit(error.exit_code)
-        import_module(module).main(*arguments)
+        try:
+            import_module(module).main(*arguments)
+        except SystemExit as stop:
+            if isinstance(stop.code, int):
+                streams.leave(stop.code)
+            raise
 
     return main

@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import pairwise
+from pathlib import Path
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -22,6 +23,7 @@ from rclpy.utilities import remove_ros_args
 
 from ..errors import EXIT_FAILED, EXIT_USAGE, TrunkError
 from ..parameters.declarations import of_every_node, table_of, unknown_name
+from ..parameters.files import ParameterFileError, read
 from ..text import printable
 from . import middleware
 from .base import TrunkNode
@@ -29,6 +31,7 @@ from .executor import LoopExecutor
 
 Beside = TypeVar("Beside", bound=Node)
 _SETTING = re.compile(r"(?:([^:]+):)?([^:]+):=.*", re.DOTALL)  # [NODE:]NAME:=VALUE
+_PLAN = "start the nodes that trunk plan names, or plan anew"
 _DRAIN_S = 5.0  # at most, while messages still arrive; with none arriving, the nodes end at once
 
 
@@ -80,6 +83,7 @@ def run_nodes(
             nodes.append(create())
             if len(nodes) == len(creators):
                 _check_settings(nodes, argv)
+                _check_plans(nodes, argv)
             nodes[-1].autostart()
     except TrunkError as error:
         _close(nodes)
@@ -169,6 +173,21 @@ def _check_settings(nodes: Sequence[Node], argv: Sequence[str]) -> None:
         known = [name for node in named for name in node.get_parameters_by_prefix("")]
         if setting[2] not in known and not table_of(setting[2], known):
             raise ArgumentError(f"nothing uses -p {word}: {unknown_name(setting[2], known)}")
+
+
+def _check_plans(nodes: Sequence[Node], argv: Sequence[str]) -> None:
+    """Raise ArgumentError for the file of a plan that lacks a node: its defaults are not what was planned."""
+    for path in (word for flag, word in pairwise(argv) if flag == "--params-file"):
+        try:
+            sections = read(Path(path)).sections
+        except ParameterFileError:  # written by hand: only rcl has to read it
+            continue
+        lists = (s.values.get("controllers") for s in sections if s.last_token == "recorder")
+        planned = next((names for names in lists if isinstance(names, list)), ())
+        for name in (node.get_fully_qualified_name() for node in nodes):
+            if planned and not any(section.matches(name) for section in sections):
+                there = ", ".join(map(str, planned))
+                raise ArgumentError(f"{path}: the plan is for {there}, it has no {name}: {_PLAN}")
 
 
 def _fail(nodes: list[TrunkNode[Any]], error: Exception) -> None:
