@@ -83,8 +83,8 @@ MUTANTS = (
     Mutant("an old command's sender is forgotten", _SIM + "pacing.py",
         "Command(stamp_ns, effort, source)",
         'Command(stamp_ns, effort, source if stamp_ns == self._loop.stamp_ns else "")'),
-    Mutant("what acted need not be on record", _NODE + "completeness.py",
-        "missing = list(self._acted.missing())", "missing: list[str] = []"),
+    Mutant("what acted need not be on record", _NODE.removesuffix("node/") + "completeness.py",
+        "missing = list(self.acted.missing())", "missing: list[str] = []"),
     Mutant("stopped without a last word", _NODE + "run.py",
         "        node.end()\n", "        pass\n"),
 )  # fmt: skip

@@ -135,7 +135,8 @@ def _added(found: Content) -> Iterator[Edit]:
     values = {"rate": "500.0", "angle": "0.1", "limit": "0.5", "reason": "finished",
               "states": str(len(stamps)), "answers": "effort_command", "process": "boot.1.1",
               "link.state": "1 sent", "link.command": "1 sent", "sensor.dropout": "1",
-              "disturbances": "9", "node": "/mine", "middleware": "Cyclone DDS",
+              "disturbances": "9", "commanded": "1", "silent": "0",
+              "node": "/mine", "middleware": "Cyclone DDS",
               "what": "commands not finite", "why": "the effort is nan"}  # fmt: skip
 
     def add(node: str, word: Event, row: int, found: Content) -> None:

@@ -171,7 +171,7 @@ class Account:
             if (count := self.count(topic)) > states:
                 yield f"{topic}: {count} messages for {states} states: {_ELSEWHERE}"
         yield from self._too_many()
-        if unheard:
+        if unheard and not self.sourced:
             yield "; ".join(unheard)
         missing = list(self.acted.missing())
         if (missing or self.driven) and not self.count(EFFORT_COMMAND):

@@ -157,7 +157,8 @@ def _account(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
             source = frame.partition(" ")[0]
             account.counts[source if "@" in source else "", relative] += count
     try:
-        for event in run.events:
+        # Log times may be of a clock that was set back.
+        for event in sorted(run.events, key=lambda event: event.stamp_ns):
             account.take_event(event)
     except ValueError as error:
         yield f"run/events: {error}"

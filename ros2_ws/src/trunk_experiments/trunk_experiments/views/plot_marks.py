@@ -31,7 +31,12 @@ def with_doubts(name: str, view: RunView) -> str:
     """Return a run's name for the legend, with what makes it doubtful."""
     doubts = doubts_of(view.run, twin=False)
     late = f"{doubts.late} of {doubts.steps} steps late" if doubts.late else ""
-    words = ["silent" * bool(doubts.silent), "incomplete" * bool(doubts.incomplete), "fell" * (doubts.fell_at_s is not None), late]
+    words = [
+        "silent" * bool(doubts.silent),
+        "incomplete" * bool(doubts.incomplete),
+        "fell" * (doubts.fell_at_s is not None),
+        late,
+    ]
     notes = ", ".join(filter(None, words))
     return f"{name} ({notes})" if notes else name
 
