@@ -207,16 +207,12 @@ class Account:
         )
         for (source, topic), count in self.counts.items():
             claimed = claims[source, topic]
-            pushes = (
-                topic == topics.OPERATOR_PUSH
-            )  # a simulator that was never pushed reports no count
-            alone = pushes or topic == DISTURBANCE or topics.is_controller_state(topic)
-            judged = (
-                bool(source)
-                if self.sourced
-                else alone or (topic == EFFORT_COMMAND and not uncounted)
-            )
-            if judged and (claimed or (pushes and not self.sourced)) and claimed < count:
+            alone = topic == DISTURBANCE or topics.is_controller_state(topic)
+            counted = alone or (topic == EFFORT_COMMAND and not uncounted)
+            judged = claimed > 0 and (source != "" if self.sourced else counted)
+            if topic == topics.OPERATOR_PUSH and not self.sourced:
+                judged = True  # a simulator that was never pushed reports no count
+            if judged and claimed < count:
                 yield f"{topic}: {count} messages, {claimed} of them from its own node: {_ELSEWHERE}"
 
 
