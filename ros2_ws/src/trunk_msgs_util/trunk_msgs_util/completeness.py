@@ -64,6 +64,7 @@ class Account:
         self.acted = ActedRecord()
         self._name_of = name_of
         self._of_each_state = of_each_state
+        self._last_ns: dict[tuple[str, str], int] = {}  # stamps, as `counts`
         self._speaking: set[str] = set()  # nodes with an event on record
         self._events: list[RunEvent] = []  # those that count
         self._parameters: dict[str, ParameterChange] = {}  # the first set of each node
@@ -78,6 +79,11 @@ class Account:
         frame = frame_in(data)
         source = frame.partition(" ")[0] if topic == topics.PLANT_INPUTS else source_in(frame)
         self.counts[source, topic] += 1
+        if source and topic != topics.RUN_EVENTS:
+            # A node that outlived a simulator has messages of its run on record, even if nothing else is.
+            if stamp_ns < self._last_ns.get((source, topic), -1):
+                self.runs = max(self.runs, 2)
+            self._last_ns[source, topic] = stamp_ns
         if topic == topics.PLANT_INPUTS:
             self.acted.row(read(data), frame)
             return
