@@ -21,7 +21,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.node.conversions import sample_to_wire
 from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.recorder_node import RecorderNode
-from trunk_msgs_util.recording.schemas import event
+from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.samples import JointSample
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
@@ -167,6 +167,16 @@ def test_a_run_is_not_complete_without_the_commands_that_drove_it(
     complete, why = node.verdict()
     assert complete == (torque == 0.0), why
     assert ("a torque acted on the plant" in why) == (torque != 0.0)
+    node.close()
+
+
+def test_no_parameter_of_anybodys_ends_a_recorder(arguments: Any, tmp_path: Path) -> None:
+    arguments(f"output:={tmp_path / 'run.mcap'}")
+    node = RecorderNode()
+    node.autostart()
+    for values in ({"duration": "abc"}, {"duration": 0.5}, {"duration": True}):
+        node._on_change(parameter_event(0, "/mine", values, {}, source="mine@boot.1.1"))
+    assert node.exit_code is None
     node.close()
 
 

@@ -125,6 +125,17 @@ class _Draft:
     def simulator_killed(self) -> None:
         self.add("kill", "simulator")
 
+    def simulator_restarted(self) -> None:
+        """Stop the controller for a while first: states of the first run that it misses come again."""
+        at_s = self.chance.uniform(0.2, 0.5) * self.duration
+        self.add("stall", self.controller, self.chance.choice((0.1, 0.3, 0.5)), at_s=at_s)
+        self.add(
+            "restart",
+            "simulator",
+            self.chance.choice((0.0, 0.3)),
+            at_s=at_s + self.chance.uniform(0.5, 1.2),
+        )
+
     def recorder_killed(self) -> None:
         self.add("kill", "recorder")
 
@@ -225,6 +236,7 @@ KINDS: dict[str, tuple[float, Callable[[_Draft], None]]] = {
     "disturbance killed": (1.0, _Draft.disturbance_killed),
     "disturbance restarted": (1.0, _Draft.disturbance_restarted),
     "simulator killed": (0.3, _Draft.simulator_killed),
+    "simulator restarted": (1.0, _Draft.simulator_restarted),
     "recorder killed": (0.5, _Draft.recorder_killed),
     "recorder late": (1.0, _Draft.recorder_late),
     "recorder first": (0.3, _Draft.recorder_first),

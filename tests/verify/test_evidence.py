@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -389,6 +390,27 @@ def test_answers_belong_to_the_run_in_which_they_were_given(tmp_path, missed):
     assert checks(verdict)["commands of pid"].steps == there.sum()
     assert all(check.wrong_steps == 0 and check.until_ns <= 201 * H for check in verdict.checks)
     assert not [check.reason for check in verdict.checks if check.reason]
+
+
+def test_answers_to_a_run_that_is_not_on_record_accuse_nobody(in_time, tmp_path):
+    """The recorder came late: of the first simulator, which was killed, it has nothing."""
+    record_real_time(plan_of("simulator.initial.position=[0.0, 0.3]"), tmp_path / "second.mcap")
+    both = of_two_runs(in_time, tmp_path / "second.mcap", tmp_path / "both.mcap")
+    source = f"{real_time.source_of('simulator')}".encode()
+
+    def edit(messages):
+        messages[:] = [m for m in messages if source not in m[2]]
+        for process in ("pid", "disturbance"):
+            counts = Counter(m[0] for m in messages if f"{process}@".encode() in m[2])
+            published = {t: n for t, n in counts.items() if t not in (EVENTS, PARAMETERS)}
+            last, name = messages[-1][1], real_time.source_of(process)
+            data = event(10**9, f"/{process}", Event.PUBLISHED, published, source=name)
+            messages.append([EVENTS, last, data, last, 0])
+        real_time.number(messages)
+
+    verdict = verify(copied(both, tmp_path / "late.mcap", edit, ANEW, end=False))
+    assert verdict.exit_code == UNJUDGED, verdict.reasons
+    assert checks(verdict)["states of the plant"].steps == 201
 
 
 def test_a_process_that_gave_no_command_is_not_judged(in_time, tmp_path):

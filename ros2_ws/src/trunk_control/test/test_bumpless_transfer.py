@@ -14,8 +14,7 @@ from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_control.controller import Controller
 from trunk_control.decide import active_at, transfer_limits, turn
 from trunk_control.fuzzy_pid import FuzzyPidConfig
-from trunk_control.law import Hip, from_scratch, unchanged
-from trunk_control.laws import law_named
+from trunk_control.law import Hip
 from trunk_control.limits import Limits
 from trunk_control.lqr import LqrConfig
 from trunk_control.pid import PidConfig
@@ -146,15 +145,6 @@ def test_activating_an_active_controller_changes_nothing():
     state = controller.memory
     assert not controller.transfer_pending
     assert state.effort == first.effort
-
-
-def test_a_law_accepts_the_former_names_of_its_functions():
-    law = law_named("pid")
-    former = replace(law, take_over=from_scratch, retune=unchanged)
-    assert (former.transfer, former.reconfigure) == (from_scratch, unchanged)
-    same = replace(former, label="other")
-    assert (same.transfer, same.reconfigure) == (from_scratch, unchanged)
-    assert law.transfer is not from_scratch
 
 
 def test_a_reset_ends_the_transfer():

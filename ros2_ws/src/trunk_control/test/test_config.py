@@ -49,7 +49,7 @@ def test_default_law_is_the_practical_profile(config):
     law = Limits(
         DERIVATIVE_FROM_RATE, 0.0, -100.0, 100.0, -inf, inf, ANTIWINDUP_CONDITIONAL_INTEGRATION, 0.0
     )
-    assert config().law == law
+    assert config().limits == law
 
 
 def test_names_of_modes_and_strategies_are_in_the_laws_order():

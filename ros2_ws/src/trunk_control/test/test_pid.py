@@ -162,14 +162,14 @@ def test_the_words_of_the_parameters_choose_the_laws():
         "rate": DERIVATIVE_FROM_RATE,
     }
     for word, code in derivative.items():
-        assert PidConfig(derivative_mode=word).law.derivative == code
+        assert PidConfig(derivative_mode=word).limits.derivative == code
     antiwindup = {
         "none": ANTIWINDUP_NONE,
         "conditional_integration": ANTIWINDUP_CONDITIONAL_INTEGRATION,
         "back_calculation": ANTIWINDUP_BACK_CALCULATION,
     }
     for word, code in antiwindup.items():
-        assert PidConfig(antiwindup_strategy=word).law.antiwindup == code
+        assert PidConfig(antiwindup_strategy=word).limits.antiwindup == code
 
 
 def test_default_state_is_the_state_after_a_reset():

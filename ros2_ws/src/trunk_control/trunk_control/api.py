@@ -12,8 +12,6 @@ from .pid import pid_update
 from .pid_family import Gains, PidState, constant_gains, law_of_pid_family, usable
 from .pid_family import Terms as PidTerms
 
-law_of_pid_kind = law_of_pid_family  # its former name, for one more release
-
 __all__ = [
     "ControllerConfig",
     "Gains",
@@ -29,7 +27,6 @@ __all__ = [
     "cos",
     "exp",
     "law_of_pid_family",
-    "law_of_pid_kind",
     "limited",
     "log",
     "parameter",

@@ -172,8 +172,3 @@ class ControllerConfig(ReferenceConfig):
             ANTIWINDUP_STRATEGIES.index(self.antiwindup_strategy),
             self.tracking_time_constant,
         )
-
-    @property
-    def law(self) -> Limits:
-        """`limits` under its former name, for one more release."""
-        return self.limits

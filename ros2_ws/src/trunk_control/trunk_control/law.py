@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import InitVar, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, get_type_hints
 
 from .controller_config import ControllerConfig
@@ -98,14 +98,8 @@ class Law:
     reconfigure: Reconfigure = unchanged  # to other constants, without a jump
     describe: Callable[[Any], str] | None = None  # what to add to the label about a configuration
     lookup: Lookup | None = None
-    # The former names of `transfer` and `reconfigure`, accepted for one more release.
-    take_over: InitVar[BumplessTransfer | None] = None
-    retune: InitVar[Reconfigure | None] = None
 
-    def __post_init__(self, take_over: BumplessTransfer | None, retune: Reconfigure | None) -> None:
-        for name, function in (("transfer", take_over), ("reconfigure", retune)):
-            if function is not None:
-                object.__setattr__(self, name, function)
+    def __post_init__(self) -> None:
         if "effort" not in getattr(self.memory, "_fields", ()):
             raise TypeError(
                 f"memory = {self.memory!r}: a named tuple with a field 'effort' is needed, "

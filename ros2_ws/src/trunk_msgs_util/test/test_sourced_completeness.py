@@ -178,3 +178,16 @@ def test_a_node_from_which_only_the_parameters_arrived():
         False,
         "/lqr: its parameters were recorded, but none of its events",
     )
+
+
+def test_a_node_that_outlived_a_simulator_has_messages_of_two_runs():
+    completeness = Account("/{}".format, OF_STATES_IN_REAL_TIME, sourced=True)
+    say(completeness, topics.EFFORT_COMMAND, 7, PID)  # of a run that nobody recorded
+    rest = run()
+    assert verdict(rest)[0]
+    completeness.counts += rest.counts
+    completeness.acted = rest.acted
+    for event in rest._events:
+        completeness.take_event(event)
+    say(completeness, topics.EFFORT_COMMAND, 0, PID)
+    assert verdict(completeness) == (False, "it holds 2 runs: the simulator was restarted")

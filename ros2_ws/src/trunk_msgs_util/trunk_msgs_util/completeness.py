@@ -64,6 +64,7 @@ class Account:
         self.acted = ActedRecord()
         self._name_of = name_of
         self._of_each_state = of_each_state
+        self._last_ns: dict[tuple[str, str], int] = {}  # stamps, as `counts`
         self._speaking: set[str] = set()  # nodes with an event on record
         self._events: list[RunEvent] = []  # those that count
         self._parameters: dict[str, ParameterChange] = {}  # the first set of each node
@@ -78,6 +79,11 @@ class Account:
         frame = frame_in(data)
         source = frame.partition(" ")[0] if topic == topics.PLANT_INPUTS else source_in(frame)
         self.counts[source, topic] += 1
+        if source and topic != topics.RUN_EVENTS:
+            # A node that outlived a simulator has messages of its run on record, even if nothing else is.
+            if stamp_ns < self._last_ns.get((source, topic), -1):
+                self.runs = max(self.runs, 2)
+            self._last_ns[source, topic] = stamp_ns
         if topic == topics.PLANT_INPUTS:
             self.acted.row(read(data), frame)
             return
@@ -207,16 +213,12 @@ class Account:
         )
         for (source, topic), count in self.counts.items():
             claimed = claims[source, topic]
-            pushes = (
-                topic == topics.OPERATOR_PUSH
-            )  # a simulator that was never pushed reports no count
-            alone = pushes or topic == DISTURBANCE or topics.is_controller_state(topic)
-            judged = (
-                bool(source)
-                if self.sourced
-                else alone or (topic == EFFORT_COMMAND and not uncounted)
-            )
-            if judged and (claimed or (pushes and not self.sourced)) and claimed < count:
+            alone = topic == DISTURBANCE or topics.is_controller_state(topic)
+            counted = alone or (topic == EFFORT_COMMAND and not uncounted)
+            judged = claimed > 0 and (source != "" if self.sourced else counted)
+            if topic == topics.OPERATOR_PUSH and not self.sourced:
+                judged = True  # a simulator that was never pushed reports no count
+            if judged and claimed < count:
                 yield f"{topic}: {count} messages, {claimed} of them from its own node: {_ELSEWHERE}"
 
 

@@ -230,12 +230,15 @@ def is_whole(run: RecordedRun, process: Process) -> bool:
     counts = process.published
     if counts is None:
         return complete and run.exact
-    return (
-        complete
-        or not run.sourced
-        or all(
-            topic in run.recording.topics
-            and len(process.rows(run.table(run.recording.relative(topic)), in_run=False)) == count
-            for topic, count in counts.items()
-        )
-    )
+    if complete or not run.sourced:
+        return True
+    for topic, count in counts.items():
+        if topic not in run.recording.topics:
+            return False
+        table = run.table(run.recording.relative(topic))
+        earlier = (
+            np.diff(process.stamps(table)) < 0
+        ).any()  # messages of a run that is not on record
+        if earlier or len(process.rows(table, in_run=False)) != count:
+            return False
+    return True

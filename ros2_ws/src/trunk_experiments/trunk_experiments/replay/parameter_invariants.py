@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from trunk_control.controller_config import ControllerConfig
-from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations
-from trunk_sim.hardware_parameters import LINK
 
 from ..errors import PlanError
-from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.nodes import NODES
 from ..plans.plan import check_rates
 
 if TYPE_CHECKING:
@@ -21,39 +18,6 @@ if TYPE_CHECKING:
     from .rerun import Rerun
 
 _MODES = {"real_time": False, "lockstep": True}  # is lockstep.enabled set?
-_LINKS = tuple(f"link.{direction}.{name}" for direction in ("state", "command") for name in LINK)
-# Groups of parameters that recordings of earlier versions lack; such runs are judged with the defaults, or
-# with what the configuration says of the `unrecorded`.
-_LATER: dict[str, tuple[tuple[str, ...], ...]] = {
-    **{name: (tuple(ControllerConfig.unrecorded),) for name in CONTROLLERS},
-    "fuzzy_pid": (
-        tuple(ControllerConfig.unrecorded),
-        tuple(n for n in FuzzyPidConfig.unrecorded if n not in ControllerConfig.unrecorded),
-    ),
-    "recorder": (("markers",),),
-    "simulator": (
-        ("path.cosines", "path.sines"),
-        (
-            *("actuator.time_constant", "actuator.rate_limit", "actuator.dead_band"),
-            *("actuator.resolution", "actuator.bias"),
-            *("actuator.coulomb_friction", "actuator.viscous_friction"),
-            *("sensor.position_resolution", "sensor.velocity_resolution"),
-            *("sensor.position_limit", "sensor.velocity_limit"),
-        ),
-        ("sensor.dropout", *_LINKS, "link.command.missing", "link.seed"),
-        ("operator.force", "operator.torque", "operator.timeout"),
-    ),
-    "computed_torque": (
-        ("model.path_cosines", "model.path_sines"),
-        tuple(ControllerConfig.unrecorded),
-    ),
-    "disturbance": (
-        (
-            *("pulse.random_count", "pulse.random_from", "pulse.random_until", "pulse.random_seed"),
-            *("table.channel", "table.times", "table.values", "table.interpolation"),
-        ),
-    ),
-}
 
 
 def parameter_contradictions(run: RecordedRun) -> Iterator[str]:
@@ -70,10 +34,7 @@ def parameter_contradictions(run: RecordedRun) -> Iterator[str]:
             yield f"run/parameters: {node} has no parameters {', '.join(sorted(unknown))}"
         if change.new:
             sets.setdefault((node, change.source), []).append(change.new)
-            groups = _LATER.get(node, ())
-            lacking = {n for group in groups if not set(group) & set(change.new) for n in group}
-            missing = set(declared) - lacking - set(change.new)
-            if missing:
+            if missing := set(declared) - set(change.new):
                 yield f"run/parameters: the set of {node} lacks {', '.join(sorted(missing))}"
         fixed = [name for name in change.changed if name in declared and declared[name].fixed]
         if fixed:
