@@ -128,17 +128,15 @@ def test_two_controllers_report_their_counts_together(whole):
     assert whole.verdict(HEARD, ()) == (False, why)
 
 
-@pytest.mark.parametrize(("duration", "endless"), [(0.0, True), (10.0, False), (None, False)])
-def test_only_a_simulators_duration_says_whether_a_run_has_an_end(duration, endless):
+def test_only_a_robots_run_has_no_end_to_wait_for():
     account = Account("/{}".format)
-    account.take_event(told("/plant", "configured", kind="simulator"))
     account.take_event(told("/pid", "configured", kind="pid"))
     account.take_parameters(ParameterChange(0, "/pid", {"duration": 0.0}, {}))
     account.take_parameters(ParameterChange(0, "/mine", {"duration": "abc"}, {}))
-    if duration is not None:
-        account.take_parameters(ParameterChange(0, "/plant", {"duration": duration}, {}))
-    assert account.endless == endless
     assert not account.begun
-    account.counts["", topics.JOINT_STATES] += 1  # a robot's, if no simulator says otherwise
-    assert account.begun
-    assert account.endless == (duration in (None, 0.0))
+    assert not account.of_robot
+    account.counts["", topics.JOINT_STATES] += 1
+    assert account.of_robot
+    account.take_event(told("/plant", "configured", kind="simulator"))
+    account.take_parameters(ParameterChange(0, "/plant", {"duration": 0.0}, {}))
+    assert not account.of_robot

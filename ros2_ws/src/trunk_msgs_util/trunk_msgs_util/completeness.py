@@ -67,7 +67,9 @@ class Account:
         self._last_ns: dict[tuple[str, str], int] = {}  # stamps, as `counts`
         self._speaking: set[str] = set()  # nodes with an event on record
         self._events: list[RunEvent] = []  # those that count
-        self._parameters: dict[str, ParameterChange] = {}  # the first set of each node
+        self._parameters: dict[
+            str, None
+        ] = {}  # nodes whose parameters are on record, in their order
 
     def take(
         self, topic: str, stamp_ns: int, data: bytes, read: Callable[[bytes], JointSample]
@@ -103,7 +105,7 @@ class Account:
 
     def take_parameters(self, change: ParameterChange) -> None:
         """Take note of a node that has published its parameters."""
-        self._parameters.setdefault(change.node, change)
+        self._parameters[change.node] = None
 
     def count(self, topic: str) -> int:
         """Return how many messages there are on a topic, of whomever."""
@@ -137,14 +139,9 @@ class Account:
         return started or any(self.count(topic) for topic in OF_STATES)
 
     @property
-    def endless(self) -> bool:
-        """True for a run that has no end of its own: a simulator's without a duration, or a robot's."""
-        durations = [
-            change.new.get("duration")
-            for node, change in self._parameters.items()
-            if self._kind(node) == "simulator"
-        ]
-        return 0.0 in durations if durations else self.begun
+    def of_robot(self) -> bool:
+        """True for states that no simulator of ours published: such a run has no end that anybody says."""
+        return self.begun and not any(self._kind(node) == "simulator" for node in self._parameters)
 
     def verdict(self, heard: Sequence[str], unheard: Sequence[str] = ()) -> tuple[bool, str]:
         """Return whether the run is whole in the file, and why.

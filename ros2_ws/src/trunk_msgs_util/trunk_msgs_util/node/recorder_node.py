@@ -326,7 +326,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         if self._file is None:
             return
         complete, reason = self.verdict()
-        if not complete and not (self._account.endless and self._account.end is None):
+        if not complete and not self._account.of_robot:
             self.unfinished = reason
         count = self._file.finish(complete, reason)
         if count is not None:
