@@ -145,7 +145,7 @@ def test_reset_forgets_everything(make, config):
     for k in range(10):
         used.update(5 * k * MS, 0.3, 1.0)
     used.reset()
-    assert used.update(999 * MS, 0.2, 0.5) == fresh.update(999 * MS, 0.2, 0.5)
+    assert used.update(99 * MS, 0.2, 0.5) == fresh.update(99 * MS, 0.2, 0.5)
 
 
 @every

@@ -181,7 +181,7 @@ def test_the_machine_code_is_of_all_that_its_sources_import(tmp_path, monkeypatc
     (package / "law/unused.py").write_text("")
     (package / "law/update.py").write_text(f"{text}\n\n\ndef update(x):\n    return x\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    update = import_module("law_of_mine.law.update").update
+    update = import_module(f"{package.name}.law.update").update
 
     def fingerprint() -> str:
         compiled._contents.cache_clear()

@@ -165,7 +165,7 @@ class Account:
     def _lacking(
         self, end: RunEvent, heard: Sequence[str], unheard: Sequence[str]
     ) -> Iterator[str]:
-        """Yield what the record of a finished run lacks, or has too much of."""
+        """Yield the gaps in the record of a finished run, and messages too many, a line each."""
         states, simulator = as_count(end.values["states"]), end.source if self.sourced else ""
         for topic in self._of_each_state:
             if (count := self.counts[simulator, topic]) < states:

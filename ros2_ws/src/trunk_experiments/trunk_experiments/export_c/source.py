@@ -73,8 +73,8 @@ def header(e: ExportedController) -> str:
         tuning=tuning,
         stamps="" if e.bare else _STAMPS.format(e.settings.gap_ns),
         faults="\n".join(
-            f"#define {n.upper()}_{fault} {i} /* {told} */"
-            for i, (fault, told) in enumerate(FAULTS.items())
+            f"#define {n.upper()}_{fault} {i} /* {text} */"
+            for i, (fault, text) in enumerate(FAULTS.items())
         ),
     )
     digest = sha256(f"{text}{source(e)}".encode()).hexdigest()[:16]
@@ -109,7 +109,7 @@ static const {e.name}_Controller INITIAL = {{
 def filled(name: str, e: ExportedController, **values: object) -> str:
     """Return a template's text with the controller's names and these values."""
     about = {"name": e.name, "NAME": e.name.upper(), "label": e.law.label, "digest": e.digest}
-    about["fault_texts"] = "\n".join(f'    "{told}",' for told in FAULTS.values())
+    about["fault_texts"] = "\n".join(f'    "{text}",' for text in FAULTS.values())
     return Template(template(name)).substitute(about, licence=e.licence, **values) + "\n"
 
 

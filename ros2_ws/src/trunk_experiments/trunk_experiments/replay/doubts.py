@@ -265,9 +265,9 @@ def silence(run: RecordedRun) -> str:
         event.message == Event.REFUSED and event.values.get("what", "").startswith("commands ")
         for event in run.events
     )
-    what = "no command that the plant takes" if refused_ones else "no command"
+    gave = "gave no command that the plant takes" if refused_ones else "gave no command"
     after = f" after t = {seconds(end.stamp_ns - silent_ns):g} s" if commanded else ""
-    return f"SILENT: {who} gave {what}{after} ({commanded} of {steps} steps)"
+    return f"SILENT: {who} {gave}{after} ({commanded} of {steps} steps)"
 
 
 def _leans(run: RecordedRun) -> tuple[float | None, float | None]:
