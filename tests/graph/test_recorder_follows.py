@@ -47,7 +47,7 @@ def test_nodes_of_any_name_are_recorded_and_judged(
     assert recording.complete, recording.warnings
     assert recording.controllers == ["pid"]  # goes by what it is
     verdict = verify(recording)
-    assert verdict.exit_code == VERIFIED, verdict
+    assert verdict.exit_code == VERIFIED, verdict.reasons
     assert verdict.checks[0].name == "commands of pid"
     assert "pid is the node /balance" in verdict.notes
     explained = children.trunk("explain", "run.mcap", "--at", "0.1", name="explain")

@@ -147,8 +147,10 @@ def _account(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
         idle = len(idle_ns(run))
         whole += [] if idle else [topics.EFFORT_COMMAND]
     account = Account(recording.topic, whole, run.sourced)
+    # A node may be called by the first part of a topic, such as plant.
+    own = {recording.topic(relative): relative for relative in OF_STATES_IN_REAL_TIME}
     for name, topic in recording.topics.items():
-        relative = recording.relative(name)
+        relative = own.get(name) or recording.relative(name)
         if not run.sourced or topic.type != topics.JOINT_STATE_TYPE:
             account.counts["", relative] += topic.count
             continue
