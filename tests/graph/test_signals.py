@@ -84,7 +84,7 @@ def test_nodes_of_a_run(
         peer.until_recorded(200, name)
 
     cut_short = int(duration > 0.0)
-    stop(number, early, code=cut_short)
+    stop(number, early, code=1)
     assert finished_file(tmp_path / "early.mcap")["/joint_states"] > 20
     assert Recording.open(tmp_path / "early.mcap").warnings == [
         "incomplete: the recorder was stopped before the run was finished"
