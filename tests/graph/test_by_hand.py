@@ -35,10 +35,10 @@ def typed(children: Children, name: str, line: str) -> Child:
     return children.start(name, "bash", "-c", line)
 
 
-def ctrl_c(children: Children, shell: Child, executable: str) -> None:
+def ctrl_c(children: Children, shell: Child, executable: str, code: int = 0) -> None:
     """Signal the node, as a terminal does, and wait until the shell's command has ended."""
     os.kill(children.pid_of(executable), signal.SIGINT)
-    assert shell.wait() == 0, shell.stderr
+    assert shell.wait() == code, shell.stderr
     assert "Traceback" not in shell.stderr
 
 
@@ -98,7 +98,7 @@ def endless(request: pytest.FixtureRequest, children: Children, peer: Peer) -> d
 def test_a_recorder_stopped_first_leaves_an_incomplete_file(
     children: Children, endless: dict[str, Child], request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
-    ctrl_c(children, endless["recorder"], "recorder")
+    ctrl_c(children, endless["recorder"], "recorder", code=1)
     if "lock-step" in request.node.callspec.id:  # the simulator waits for it, and gives up
         assert endless["simulator"].wait() == 1
         assert "no answer from /recorder" in endless["simulator"].stderr

@@ -64,6 +64,7 @@ class Account:
         self.acted = ActedRecord()
         self._name_of = name_of
         self._of_each_state = of_each_state
+        self._outlived = False  # did a node's stamps go back?
         self._last_ns: dict[tuple[str, str], int] = {}  # stamps, as `counts`
         self._speaking: set[str] = set()  # nodes with an event on record
         self._events: list[RunEvent] = []  # those that count
@@ -81,10 +82,9 @@ class Account:
         frame = frame_in(data)
         source = frame.partition(" ")[0] if topic == topics.PLANT_INPUTS else source_in(frame)
         self.counts[source, topic] += 1
-        if source and topic != topics.RUN_EVENTS:
+        if topic in (EFFORT_COMMAND, DISTURBANCE) and not self.acted.is_stranger(source):
             # A node that outlived a simulator has messages of its run on record, even if nothing else is.
-            if stamp_ns < self._last_ns.get((source, topic), -1):
-                self.runs = max(self.runs, 2)
+            self._outlived |= stamp_ns < self._last_ns.get((source, topic), -1)
             self._last_ns[source, topic] = stamp_ns
         if topic == topics.PLANT_INPUTS:
             self.acted.row(read(data), frame)
@@ -156,7 +156,7 @@ class Account:
         if end.message != Event.FINISHED:
             return False, reason
         begun = sum(event.message == Event.STARTED for event in self._simulators())
-        if (runs := max(self.runs, begun)) > 1:
+        if (runs := max(self.runs, begun, 1 + self._outlived)) > 1:
             # Of a run before the recorder came, events and commands may be all that the file holds.
             return False, f"it holds {runs} runs: the simulator was restarted"
         lacking = next(self._lacking(end, heard, unheard), None)
