@@ -26,6 +26,7 @@ _NO_COMMAND = (
     f"{EFFORT_COMMAND}: no message was recorded, but a torque acted on the plant: "
     "start the recorder before the controller"
 )
+_RUNS = "it holds {} runs: the simulator was restarted"
 _ELSEWHERE = "another node publishes there too"
 _COUNTING = (
     *ENDS,
@@ -156,9 +157,9 @@ class Account:
         if end.message != Event.FINISHED:
             return False, reason
         begun = sum(event.message == Event.STARTED for event in self._simulators())
-        if (runs := max(self.runs, begun, 1 + self._outlived)) > 1:
+        if (runs := max(self.runs, begun)) > 1:
             # Of a run before the recorder came, events and commands may be all that the file holds.
-            return False, f"it holds {runs} runs: the simulator was restarted"
+            return False, _RUNS.format(runs)
         lacking = next(self._lacking(end, heard, unheard), None)
         return (True, reason) if lacking is None else (False, lacking)
 
@@ -185,6 +186,8 @@ class Account:
         for (source, topic), count in self._claims(heard).items():
             if (recorded := self.counts[source, topic]) < count:
                 yield f"{topic}: {recorded} of {count} messages were recorded"
+        if self._outlived:
+            yield _RUNS.format(2)
 
     def _claims(self, heard: Sequence[str] = ()) -> Counter[tuple[str, str]]:
         """Return how many messages each process says it has published, by source and relative topic."""
