@@ -182,7 +182,9 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         verdict.checks.append(check)
     if complete and not rivals:
         verdict.contradictions += contradictions(run, rerun)
-    counted = run.branch is not None or any("commanded" in e.values for e in run.events)
+    counted = run.branch is not None or any(
+        e.message == Event.FINISHED and "commanded" in e.values for e in run.events
+    )
     if complete and run.sourced and not counted:
         verdict.obstacles.append(_NO_COUNT)
     verdict.obstacles += _failures(run)
