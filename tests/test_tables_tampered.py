@@ -85,39 +85,3 @@ def test_another_value_is_found(whole, tmp_path, name):
     found = verify(copy).exit_code
     # An ULP of 0.2 s is less than half a nanosecond: the same stamps, and the same run.
     assert (found == VERIFIED) == name.endswith("times")
-
-
-RANDOM = ("pulse.random_count", "pulse.random_from", "pulse.random_until", "pulse.random_seed")
-TABLE = ("table.channel", "table.times", "table.values", "table.interpolation")
-PATH = ("path.cosines", "path.sines")
-MODEL = ("model.path_cosines", "model.path_sines")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("node", "left_out", "judged"),
-    [
-        ("disturbance", (*RANDOM, *TABLE), True),
-        ("disturbance", TABLE, False),
-        ("disturbance", TABLE[-1:], False),
-        ("simulator", PATH, True),
-        ("simulator", PATH[1:], False),
-        ("computed_torque", MODEL, True),
-        ("computed_torque", MODEL[1:], False),
-    ],
-    ids=str,
-)
-def test_a_recording_from_before_these_parameters_is_judged(tmp_path, node, left_out, judged):
-    """By the defaults; it lacks all of a node's new parameters, not some of them."""
-
-    def without(messages):
-        for message in messages:
-            if message[TOPIC] == PARAMETERS and parsed(message).node == f"/{node}":
-                event = parsed(message)
-                event.new_parameters = [p for p in event.new_parameters if p.name not in left_out]
-                store(message, event)
-
-    path = tmp_path / "today.mcap"
-    record_offline(make_plan("demo", "computed_torque", everywhere={"duration": 1.2}), path)
-    found = verify(copied(path, tmp_path / "before.mcap", without, digests=ANEW))
-    assert (found.exit_code == VERIFIED) == judged

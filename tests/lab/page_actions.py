@@ -39,6 +39,7 @@ def pulled(page, pane=1):
     """Take the tip of a run's trunk in the hand and pull it to the right."""
     x, y = page.evaluate(
         """(pane) => {
+          scene.draw(view.time); // the last picture may be of another time
           const box = scene.canvas.getBoundingClientRect();
           const { tip } = scene.panes[pane].places;
           return [box.left + tip[0], box.top + tip[1]]; }""",
