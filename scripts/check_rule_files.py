@@ -40,7 +40,7 @@ class Row(NamedTuple):
 
 def compared(path: Path, tolerance: float, folder: Path) -> Row:
     """Return how far a file's table is from both evaluations. Raises RuleFileError."""
-    engine = RuleEngine(read_fll(path), path)
+    engine = RuleEngine(read_fll(path), path, both_ends=path.suffix.lower() == ".fis")
     if len(engine.inputs) > 2:
         raise RuleFileError(f"{len(engine.inputs)} inputs")
     ranges = [*map(engine.range, engine.inputs), ALONE][:2]
@@ -49,6 +49,9 @@ def compared(path: Path, tolerance: float, folder: Path) -> Row:
     def surface(*values: Any) -> Any:
         return engine.evaluate(dict(zip(engine.inputs, values, strict=False)), engine.outputs)
 
+    engine.check_centroids(
+        {name: engine.range(name) for name in engine.inputs}, engine.outputs, tolerance
+    )
     sampling = sample(surface, check_points(surface, ranges), ranges, bends, tolerance)
     points = check_points(surface, ranges, count=POINTS)
     table = sampling.table.at(points.error, points.rate)

@@ -20,7 +20,7 @@ from trunk_experiments.errors import PlanError
 from trunk_experiments.rulebase import sampling
 from trunk_experiments.rulebase.exporting import written
 from trunk_experiments.rulebase.fcl import fcl_to_fll
-from trunk_experiments.rulebase.fis import RESOLUTION, fis_to_fll
+from trunk_experiments.rulebase.fis import fis_to_fll
 from trunk_experiments.rulebase.importing import fraction, import_rules
 from trunk_msgs_util.parameters.declarations import build, values_of
 
@@ -35,7 +35,7 @@ def engine():
     pytest.importorskip("fuzzylite", reason="needs pyfuzzylite: requirements/fuzzy.txt")
     from trunk_experiments.rulebase.engine import RuleEngine
 
-    return lambda fll: RuleEngine(fll, Path("rules"))
+    return lambda fll, both_ends=False: RuleEngine(fll, Path("rules"), both_ends)
 
 
 def fis(inputs, outputs, rules, **system):
@@ -108,7 +108,7 @@ def test_membership_functions_are_those_of_the_manual(engine):
         assert y == pytest.approx([curve(v) for v in x.tolist()], abs=1e-12), text
 
 
-MIDDLES = (np.arange(RESOLUTION) + 0.5) * 10.0 / RESOLUTION
+POINTS = np.linspace(0.0, 10.0, 101)
 
 
 def areas(y):
@@ -130,12 +130,12 @@ def test_mamdani_is_what_its_definition_gives(engine, imp, agg, implied, united)
     rules = ["1, 1 (1) : 1", "-2, 2 (0.5) : 1"]
     at = np.linspace(-1.9, 1.9, 21)
     text = fis_to_fll(fis(ONE, Y, rules, ImpMethod=imp, AggMethod=agg))
-    (y,) = engine(text).evaluate({"x": at}, ["y"])
+    (y,) = engine(text, both_ends=True).evaluate({"x": at}, ["y"])
     for x, value in zip(at.tolist(), y.tolist(), strict=True):
         weights = 1 - abs(x) / 2, 0.5 * (1 - exp(-((x - 0.5) ** 2) / 0.98))
-        first, second = (implied(w, a) for w, a in zip(weights, areas(MIDDLES), strict=True))
+        first, second = (implied(w, a) for w, a in zip(weights, areas(POINTS), strict=True))
         shape = united(first, second)
-        assert value == pytest.approx((shape * MIDDLES).sum() / shape.sum(), rel=1e-12)
+        assert value == pytest.approx((shape * POINTS).sum() / shape.sum(), rel=1e-12)
 
 
 FCL = """\
@@ -166,9 +166,10 @@ def test_the_formats_say_the_same(engine):
     x = np.linspace(-1.9, 1.9, 50)
     same = fis(ONE, Y, ["1, 1 (1) : 1", "-2, 2 (0.5) : 1"])
     of_fcl = FCL.replace(" AND (x IS NOT m2 OR x IS m2)", "")
+    of_fis = fis_to_fll(same).replace("Centroid 101", "Centroid 100")
     values = [
         engine(text).evaluate({"x": x}, ["y"])
-        for text in (fis_to_fll(same), fcl_to_fll(of_fcl), fcl_to_fll(of_fcl.replace("m2 WITH", "m2  WITH")))
+        for text in (of_fis, fcl_to_fll(of_fcl), fcl_to_fll(of_fcl.replace("m2 WITH", "m2  WITH")))
     ]  # fmt: skip
     assert np.array_equal(values[1], values[2])
     assert values[0] == pytest.approx(values[1], rel=1e-12)

@@ -67,7 +67,7 @@ END_FUNCTION_BLOCK
 """
 FLL = fis_to_fll(FIS)
 FUNCTION = FLL.replace("term: S Triangle 0.0 0.2 0.4", "term: S Function {}").replace(
-    "Centroid 100", "WeightedAverage"
+    "Centroid 101", "WeightedAverage"
 ).replace("term: B Triangle 0.3 0.8 1.0", "term: B Constant 1")  # fmt: skip
 MILLION = 1_000_000
 
@@ -121,8 +121,8 @@ BAD = {
     "word.fll": FLL + "surprise: 1\n",
     "twice.fll": changed(FLL, "term: P Triangle", "term: N Triangle"),
     "activation.fll": changed(FLL, "activation: General", "activation: First 1 0.5"),
-    "resolution.fll": changed(FLL, "Centroid 100", "Centroid 1000000000"),
-    "no method.fll": changed(FLL, "  defuzzifier: Centroid 100\n", ""),
+    "resolution.fll": changed(FLL, "Centroid 101", "Centroid 1010000000"),
+    "no method.fll": changed(FLL, "  defuzzifier: Centroid 101\n", ""),
     "no term.fll": changed(FLL, "kp is S", "kp is XXL"),
     "nan.fll": changed(FLL, "Triangle -3.0 -1.0 1.0", "Triangle -3.0 nan 1.0"),
     "method.fcl": changed(FCL, "COGS", "COGX"),
@@ -175,7 +175,7 @@ def test_a_sound_file_is_read_whatever_its_encoding(tmp_path, suffix, encoding):
     ("words", "says"),
     [
         (("--input", "e=nix"), "no input 'nix': it has e, e_dot"),
-        (("--input", "e=e"), "say which is e and which e_dot"),
+        (("--input", "e=e", "--input", "e_dot=e"), "say which is e and which e_dot"),
         (("--input", "x=e"), "--input 'x=e': give e=NAME"),
         (("--input", "e=e", "--input", "ė=e"), "say which is e and which e_dot"),
         (("--output", "kp=nix"), "--output 'kp=nix': give u=NAME"),

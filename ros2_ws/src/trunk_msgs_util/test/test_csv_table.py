@@ -125,7 +125,7 @@ def test_a_mistake_gives_one_line_with_file_line_value_and_what_is_allowed(read,
     [
         (HEADER + '0,"1\n2,3\n', "not CSV: "),
         (HEADER.encode() + b"0,\x00\n", ""),
-        (b"t,reference\n\xff,0\n", "not a text file: give a CSV file"),
+        (b"t,reference\n\xff,0\n", "not a text in UTF-8: save it as CSV UTF-8"),
         (b"t,reference\n" + b" " * MAX_BYTES, "larger than 4 MiB: give a smaller file"),
         ("t,reference\n" + "1" * 200_000 + ",0\n", "not CSV: field larger than field limit"),
     ],

@@ -5,10 +5,12 @@ The only module that imports pyfuzzylite, which is under the GPL and installed o
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from math import isfinite, isnan
+from math import isfinite, isnan, nan
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,17 +25,20 @@ if TYPE_CHECKING:
 
 _AT_ONCE = 2_000_000  # values of one output's membership: points x resolution
 _VERTICES = ("left", "top", "right", "bottom_left", "top_left", "top_right", "bottom_right")
+_FINER = 10  # times the points over an output's range, where a centroid is checked
+_GRID = 45  # points along each input where it is
 _EDGES = ("start", "end", "inflection", "mean", "center", "mean_a", "mean_b")
 
 
 class RuleEngine:
     """A rule base with one input or two, and what pyfuzzylite makes of it.
 
-    ``inputs`` and ``outputs``: names in the file. Raises RuleFileError for a rule base that cannot be
-    evaluated, NotInstalledError without pyfuzzylite.
+    ``inputs`` and ``outputs``: names in the file. ``both_ends``: a centroid is computed from points that
+    begin and end with the output's range, as in MATLAB, not from the middles of as many parts. Raises
+    RuleFileError for a rule base that cannot be evaluated, NotInstalledError without pyfuzzylite.
     """
 
-    def __init__(self, fll: str, path: Path) -> None:
+    def __init__(self, fll: str, path: Path, both_ends: bool = False) -> None:
         try:
             fuzzylite = import_module("fuzzylite")
         except ImportError:
@@ -41,6 +46,8 @@ class RuleEngine:
                 "trunk import fuzzy needs pyfuzzylite: pip install --no-deps pyfuzzylite"
             ) from None
         self._path = path
+        self._held: set[str] = set()  # outputs that keep their last value where no rule fires
+        self._both_ends = both_ends
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -54,8 +61,8 @@ class RuleEngine:
         self.outputs = tuple(variable.name for variable in self._engine.output_variables)
 
     def _wrong(self, text: str) -> RuleFileError:
-        first = " ".join(text.split())
-        return RuleFileError(f"{self._path}: {first[:200]}")
+        short = re.sub(r"'([^']{30})[^']{10,}'", r"'\1 …'", " ".join(text.split()))
+        return RuleFileError(f"{self._path}: {short[:300]}")
 
     def _check(self) -> None:
         engine = self._engine
@@ -64,6 +71,8 @@ class RuleEngine:
             raise self._wrong(problems[0])
         variables = [*engine.input_variables, *engine.output_variables]
         for variable in variables:
+            if not variable.enabled:
+                raise self._wrong(f"{variable.name}: not enabled: switch it on, or take it out")
             names: set[str] = set()
             for term in variable.terms:
                 if term.name in names:
@@ -81,7 +90,13 @@ class RuleEngine:
                 self._check_range(variable)
                 if not 2 <= variable.defuzzifier.resolution <= 100_000:
                     raise self._wrong(f"{variable.name}: resolution: give one from 2 to 100,000")
-            variable.lock_previous = False  # a table has no memory
+                if self._both_ends:
+                    _over_both_ends(variable.defuzzifier)
+            if (
+                variable.lock_previous
+            ):  # a table has no memory: it must be true that it makes no difference
+                self._held.add(variable.name)
+                variable.lock_previous, variable.default_value = False, nan
         for number, rule in enumerate(
             (rule for block in engine.rule_blocks for rule in block.rules), 1
         ):
@@ -122,7 +137,9 @@ class RuleEngine:
 
     def vertices(self, name: str) -> list[float]:
         """Return the abscissae where an input's membership functions bend, within its range, ascending."""
-        variable = self.input(name)
+        return self._bends(self.input(name))
+
+    def _bends(self, variable: Any) -> list[float]:
         low, high = variable.range
         bends: set[float] = set()
         for term in variable.terms:
@@ -156,8 +173,77 @@ class RuleEngine:
         if missing.any():
             where = int(np.argmax(missing))
             at = ", ".join(f"{name} = {values[where]:.6g}" for name, values in points.items())
-            raise self._wrong(f"no rule fires at {at}: cover it by a rule, or give a default")
+            held = sorted(self._held.intersection(outputs))
+            what = (
+                f"{held[0]} keeps its last value there (lock-previous, NC), and a table has none: "
+                "cover it by a rule, or give a default instead"
+                if held
+                else "cover it by a rule, or give a default"
+            )
+            raise self._wrong(f"no rule fires at {at}: {what}")
         return result
+
+    def check_centroids(
+        self, ranges: Mapping[str, tuple[float, float]], outputs: Sequence[str], tolerance: float
+    ) -> None:
+        """Raise RuleFileError where a centroid from ten times the points differs, with the term at fault.
+
+        ``tolerance``: a share of the output's span.
+        """
+        lines = (np.linspace(low, high, _GRID + 2)[1:-1] for low, high in ranges.values())
+        mesh = [points.ravel() for points in np.meshgrid(*lines)]
+        points = dict(zip(ranges, mesh, strict=True))
+        centroids = [
+            variable.defuzzifier
+            for variable in self._engine.output_variables
+            if type(variable.defuzzifier).__name__ == "Centroid"
+        ]
+        coarse = self._computed(points, outputs)
+        counts = [centroid.resolution for centroid in centroids]
+        for centroid in centroids:
+            centroid.resolution = _FINER * (centroid.resolution - 1) + 1
+        fine = self._computed(points, outputs)
+        for centroid, count in zip(centroids, counts, strict=True):
+            centroid.resolution = count
+        for name, rough, exact in zip(outputs, coarse, fine, strict=True):
+            there = np.isfinite(exact)
+            span = float(np.ptp(exact[there])) if there.any() else 0.0
+            off = there & ~(np.abs(rough - exact) <= tolerance * (span or 1.0))
+            if off.any():
+                k = int(
+                    np.argmax(np.where(off, np.nan_to_num(np.abs(rough - exact), nan=np.inf), 0.0))
+                )
+                term, count = self._finest(name)
+                at = ", ".join(f"{key} = {values[k]:.6g}" for key, values in points.items())
+                raise self._wrong(
+                    f"{name}: its term {term} has {count} of the points of its centroid, which is "
+                    f"{rough[k]:.6g} at {at}, but {exact[k]:.6g} from ten times as many: widen the term"
+                )
+
+    def _finest(self, name: str) -> tuple[str, int]:
+        """Return the term of an output that has the fewest points of its centroid, and how many."""
+        variable = self.output(name)
+        low, high = variable.range
+        x = np.linspace(low, high, variable.defuzzifier.resolution)
+        counts = {term.name: int(np.count_nonzero(term.membership(x))) for term in variable.terms}
+        term = min(counts, key=lambda one: counts[one])
+        return term, counts[term]
+
+    def silent_terms(self) -> list[str]:
+        """Return the terms that are 0 over the whole range of their variable, as ``variable: term``."""
+        silent = []
+        for variable in (*self._engine.input_variables, *self._engine.output_variables):
+            low, high = variable.range
+            if not (isfinite(low) and isfinite(high)):
+                continue
+            x = np.array([*np.linspace(low, high, 1001), *self._bends(variable)])
+            silent += [
+                f"{variable.name}: {term.name}"
+                for term in variable.terms
+                if type(term).__name__ not in ("Constant", "Linear", "Function")
+                and not np.any(term.membership(x))
+            ]
+        return silent
 
     def _inside(self, name: str, values: Floats) -> Floats:
         low, high = self.range(name)
@@ -201,6 +287,19 @@ class RuleEngine:
             finally:
                 for term in terms:
                     del term.membership
+
+
+def _over_both_ends(defuzzifier: Any) -> None:
+    """Let an integral be taken at points from one end of the range to the other."""
+    inner = defuzzifier.defuzzify
+
+    def defuzzify(term: Any, low: float, high: float) -> Any:
+        half = 0.5 * (high - low) / (defuzzifier.resolution - 1)
+        points = np.linspace(low, high, defuzzifier.resolution)
+        there = SimpleNamespace(membership=lambda x: term.membership(points.reshape(np.shape(x))))
+        return inner(there, low - half, high + half)
+
+    defuzzifier.defuzzify = defuzzify
 
 
 def _numbers_of(term: Any) -> list[float]:

@@ -6,8 +6,16 @@ import re
 from collections.abc import Mapping
 from itertools import pairwise
 
-from .fis import RESOLUTION
-from .words import MOST_RULES, Membership, identifier, number, numbers, term_line
+from .words import (
+    MOST_RULES,
+    Membership,
+    checked_shape,
+    identifier,
+    number,
+    numbers,
+    put_once,
+    term_line,
+)
 
 _SHAPES = {
     "trian": Membership("Triangle", (0, 1, 2)),
@@ -43,6 +51,7 @@ _OR = {
     "HSUM": "HamacherSum",
     "SUM": "UnboundedSum",
 }
+RESOLUTION = 100  # points over an output's range, in the middle of as many parts
 _METHODS = {
     "COG": f"Centroid {RESOLUTION}",
     "COA": f"Bisector {RESOLUTION}",
@@ -57,10 +66,14 @@ _NAME = r"[^\W\d]\w*"
 _COMMENT = re.compile(r"\(\*.*?\*\)|/\*.*?\*/|//[^\n]*", re.DOTALL)
 _BLOCK = re.compile(
     r"\b(VAR_INPUT|VAR_OUTPUT|FUZZIFY|DEFUZZIFY|RULEBLOCK)\b(.*?)\bEND_(VAR|FUZZIFY|DEFUZZIFY|RULEBLOCK)\b",
-    re.DOTALL,
+    re.DOTALL | re.IGNORECASE,
+)
+_DECLARED = re.compile(
+    rf"\s*({_NAME}(?:\s*,\s*{_NAME})*)\s*:\s*REAL\s*(?::=.*)?", re.DOTALL | re.IGNORECASE
 )
 _POINT = re.compile(r"\(([^(),]*),([^(),]*)\)")
 _RULE = re.compile(r"RULE\s+\w+\s*:\s*IF\b(.*?)\bTHEN\b(.*)", re.DOTALL | re.IGNORECASE)
+_HEADED = re.compile(r"\bRULE\s+\w+\s*:", re.IGNORECASE)
 _PROPOSITION = re.compile(rf"(NOT\s+)?({_NAME})\s+IS\s+(NOT\s+)?({_NAME})$", re.IGNORECASE)
 _TOKEN = re.compile(r"(\(|\)|\bAND\b|\bOR\b)", re.IGNORECASE)
 
@@ -68,23 +81,34 @@ _TOKEN = re.compile(r"(\(|\)|\bAND\b|\bOR\b)", re.IGNORECASE)
 def fcl_to_fll(text: str) -> str:
     """Return the rule base as FLL. Raises ValueError with the place and what is wrong."""
     text = _COMMENT.sub(" ", text)
-    if not re.search(r"\bFUNCTION_BLOCK\b", text):
+    outside = _BLOCK.sub(" ", text).split()
+    words = [word.upper() for word in outside]
+    if words[:1] != ["FUNCTION_BLOCK"]:
         raise ValueError("FUNCTION_BLOCK is missing: not a .fcl file")
+    if words[-1] != "END_FUNCTION_BLOCK" or len(words) > 3:
+        beside = " ".join(outside[1:])[:40]
+        raise ValueError(
+            f"{beside!r} is in no block that has an end, or END_FUNCTION_BLOCK is missing"
+        )
     declared: dict[str, list[str]] = {"VAR_INPUT": [], "VAR_OUTPUT": []}
-    parts: dict[str, str] = {}
+    parts: dict[str, dict[str, str]] = {"FUZZIFY": {}, "DEFUZZIFY": {}}
     rules: list[str] = []
-    for opening, body, closing in _BLOCK.findall(text):
-        if not opening.startswith(closing):
+    accumulation = ""
+    for heading, body, closing in _BLOCK.findall(text):
+        opening = heading.upper()
+        if not opening.startswith(closing.upper()):
             raise ValueError(f"{opening} ends with END_{closing}")
         if opening in declared:
-            declared[opening] += re.findall(rf"({_NAME})\s*:\s*REAL\s*;", body)
+            declared[opening] += _declared(body, opening)
         elif opening == "RULEBLOCK":
-            rules += _rules(body)
+            lines, accu = _rules(body)
+            rules += lines
+            if accu and accumulation not in ("", accu):
+                raise ValueError(f"RULEBLOCK: ACCU : {accu} and {accumulation}: give all the same")
+            accumulation = accu or accumulation
         else:
-            name, *rest = body.split(None, 1)
-            if name in parts:
-                raise ValueError(f"{opening} {name} is there twice")
-            parts[name] = rest[0] if rest else ""
+            name, *rest = body.split(None, 1) or [""]
+            put_once(parts[opening], name, rest[0] if rest else "", opening)
     if not rules:
         raise ValueError("RULEBLOCK is missing or has no rule, or END_RULEBLOCK is missing")
     lines = ["Engine: file"]
@@ -95,10 +119,26 @@ def fcl_to_fll(text: str) -> str:
         if not declared[keyword]:
             raise ValueError(f"{keyword} is missing or has no NAME : REAL;")
         for name in declared[keyword]:
-            if name not in parts:
+            if name not in parts[section]:
                 raise ValueError(f"{section} {name} is missing")
-            lines += [f"{kind}: {identifier(name)}", *_variable(parts[name], section, name)]
+            body = parts[section].pop(name)
+            lines.append(f"{kind}: {identifier(name)}")
+            lines += _variable(body, section, name, accumulation)
+        if parts[section]:
+            raise ValueError(
+                f"{section} {next(iter(parts[section]))}: {keyword} has no such variable"
+            )
     return "\n".join([*lines, *rules]) + "\n"
+
+
+def _declared(body: str, opening: str) -> list[str]:
+    names: list[str] = []
+    for statement in filter(str.strip, body.split(";")):
+        match = _DECLARED.fullmatch(statement)
+        if not match:
+            raise ValueError(f"{opening}: {statement.strip()[:30]!r} is not NAME : REAL")
+        names += re.split(r"\s*,\s*", match[1])
+    return names
 
 
 def _statements(body: str) -> list[tuple[str, str]]:
@@ -113,7 +153,7 @@ def _statements(body: str) -> list[tuple[str, str]]:
     return pairs
 
 
-def _variable(body: str, section: str, name: str) -> list[str]:
+def _variable(body: str, section: str, name: str, accumulation: str) -> list[str]:
     """Return the lines of a variable: its range, how it is defuzzified, its terms."""
     place = f"{section} {name}"
     limits: list[float] = []
@@ -122,30 +162,56 @@ def _variable(body: str, section: str, name: str) -> list[str]:
     terms: list[str] = []
     for key, value in _statements(body):
         word = key.split()
-        if word[0].upper() == "TERM" and len(word) == 2:
+        if len(word) == 2 and word[0].upper() == "TERM":
             line, reach = _term(identifier(word[1]), value, f"{place}, TERM {word[1]}")
             terms.append(line)
             seen += reach
-        elif key.upper() == "RANGE":
-            limits = numbers(value.strip("()").replace("..", " "), f"{place}, RANGE")
         else:
-            settings[key.upper()] = value
-    if not limits and seen:
+            put_once(settings, key.upper(), value, place)
+    if "RANGE" in settings:
+        text = settings.pop("RANGE").strip("()").replace("..", " ")
+        limits = numbers(text, f"{place}, RANGE")
+    elif seen:
         limits = [min(seen), max(seen)]
     if len(limits) != 2:
         raise ValueError(f"{place}: RANGE := (from .. to); is missing")
     lines = [f"  range: {limits[0]!r} {limits[1]!r}"]
+    locks = {word.strip().upper() for word in settings.pop("LOCK", "").split("|")} - {""}
     if section == "DEFUZZIFY":
-        default = settings.get("DEFAULT", "NC").split("|")[0].strip()
-        if default.upper() not in ("NC", "NAN"):
-            lines.append(f"  default: {number(default, f'{place}, DEFAULT')!r}")
+        for default in map(str.strip, settings.pop("DEFAULT", "NAN").upper().split("|")):
+            if default == "NC":  # no change: the last output is held
+                locks.add("PREVIOUS")
+            elif default != "NAN":
+                lines.append(f"  default: {number(default, f'{place}, DEFAULT')!r}")
         method = _choice(settings, "METHOD", _METHODS, place)
         if method.startswith("Centroid") and all(" Constant " in line for line in terms):
             method = _METHODS["COGS"]  # a centre of gravity of singletons
-        singletons = method.startswith("Weighted")
-        accumulation = "none" if singletons else _choice(settings, "ACCU", _OR, place, "MAX")
-        lines += [f"  defuzzifier: {method}", f"  aggregation: {accumulation}"]
+        own = settings.get("ACCU", accumulation).upper()
+        if accumulation not in ("", own):
+            raise ValueError(
+                f"{place}: ACCU : {own}, but {accumulation} in the RULEBLOCK: give one"
+            )
+        added = _choice({"ACCU": own}, "ACCU", _OR, place, "MAX")
+        settings.pop("ACCU", "")
+        lines.append(f"  defuzzifier: {method}")
+        lines.append(f"  aggregation: {'none' if method.startswith('Weighted') else added}")
+        if "PREVIOUS" in locks:
+            locks.remove("PREVIOUS")
+            lines.append("  lock-previous: true")
+    if "RANGE" in locks:
+        locks.remove("RANGE")
+        lines.append("  lock-range: true")
+    lines.append(_enabled(settings, place))
+    for key in (*settings, *(f"LOCK : {word}" for word in locks)):
+        raise ValueError(f"{place}: {key[:30]} is not read")
     return [*lines, *terms]
+
+
+def _enabled(settings: dict[str, str], place: str) -> str:
+    value = settings.pop("ENABLED", "TRUE").lower()
+    if value not in ("true", "false"):
+        raise ValueError(f"{place}: ENABLED : {value[:30]}: give TRUE or FALSE")
+    return f"  enabled: {value}"
 
 
 def _term(name: str, value: str, place: str) -> tuple[str, list[float]]:
@@ -165,18 +231,14 @@ def _term(name: str, value: str, place: str) -> tuple[str, list[float]]:
         constant = number(value, place)
         return term_line(name, "Constant", [constant]), [constant]
     values = numbers(rest, place)
-    if len(values) != len(shape.order):
-        raise ValueError(
-            f"{place}: {shape_name} takes {len(shape.order)} numbers; there are {len(values)}"
-        )
     corners = values if shape.name in _CORNERED else []
-    return term_line(name, shape.name, [values[k] for k in shape.order]), corners
+    return term_line(name, shape.name, checked_shape(shape, shape_name, values, place)), corners
 
 
 def _choice(
-    settings: Mapping[str, str], key: str, known: Mapping[str, str], place: str, usual: str = ""
+    settings: dict[str, str], key: str, known: Mapping[str, str], place: str, usual: str = ""
 ) -> str:
-    word = settings.get(key, usual).upper()
+    word = settings.pop(key, usual).upper() or usual
     if not word:
         raise ValueError(f"{place}: {key} is missing")
     if word not in known:
@@ -184,13 +246,12 @@ def _choice(
     return known[word]
 
 
-def _rules(body: str) -> list[str]:
-    named = re.match(rf"\s*(?!RULE\b)({_NAME})(?!\s*:)\b", body)
+def _rules(body: str) -> tuple[list[str], str]:
+    """Return a block's lines, and how it accumulates, if it says so."""
+    named = re.match(rf"\s*(?!RULE\b)({_NAME})(?!\s*:)\b", body, re.IGNORECASE)
     place = f"RULEBLOCK {named[1][:30] if named else ''}".rstrip()
     # Fuzzylite ends rules with the line, the standard with a semicolon.
-    text = re.sub(
-        r"\bRULE\s+\w+\s*:", lambda match: f";{match[0]}", body[named.end() :] if named else body
-    )
+    text = _HEADED.sub(lambda match: f";{match[0]}", body[named.end() :] if named else body)
     settings: dict[str, str] = {}
     rules: list[str] = []
     for statement in filter(None, map(str.strip, text.split(";"))):
@@ -198,20 +259,25 @@ def _rules(body: str) -> list[str]:
         if match:
             rules.append(f"  rule: {_rule(match[1], match[2], f'{place}, rule {len(rules) + 1}')}")
             continue
-        key, colon, value = statement.partition(":")
-        if not colon or key.strip().upper() not in ("AND", "OR", "ACT", "ACCU", "ACTIVATION"):
-            raise ValueError(f"{place}: {statement[:30]!r} is not a rule, nor AND, OR, ACT, ACCU")
-        settings[key.strip().upper()] = value.strip()
+        key, _, value = statement.partition(":")
+        put_once(settings, key.strip().upper(), value.strip(), place)
     if len(rules) > MOST_RULES:
         raise ValueError(f"{place}: {len(rules)} rules: at most {MOST_RULES} are read")
-    return [
+    lines = [
         "RuleBlock:",
         f"  conjunction: {_choice(settings, 'AND', _AND, place, 'MIN')}",
         f"  disjunction: {_choice(settings, 'OR', _OR, place, 'MAX')}",
         f"  implication: {_choice(settings, 'ACT', _AND, place, 'MIN')}",
-        "  activation: General",
+        f"  activation: {settings.pop('ACTIVATION', 'General')}",
+        _enabled(settings, place),
         *rules,
     ]
+    accumulation = settings.pop("ACCU", "").upper()
+    for key in settings:
+        raise ValueError(
+            f"{place}: {key[:30]!r} is not a rule, nor AND, OR, ACT, ACCU, ACTIVATION, ENABLED"
+        )
+    return lines, accumulation
 
 
 def _rule(if_: str, then: str, place: str) -> str:
@@ -220,12 +286,10 @@ def _rule(if_: str, then: str, place: str) -> str:
         words.append(
             token.lower() if _TOKEN.fullmatch(token) else _proposition(token, place, negated=True)
         )
-    conclusions, _, weight = re.sub(r"\s+", " ", then).partition(" WITH ")
-    if not weight:
-        conclusions, _, weight = conclusions.partition(" with ")
+    conclusions, *weights = re.split(r"\sWITH\s", then, flags=re.IGNORECASE)
     propositions = re.split(r",|\band\b", conclusions, flags=re.IGNORECASE)
     conclusion = " and ".join(_proposition(p.strip(), place, negated=False) for p in propositions)
-    factor = number(weight or "1", f"{place}, WITH")
+    factor = number(" WITH ".join(weights) or "1", f"{place}, WITH")
     if not 0.0 <= factor <= 1.0:
         raise ValueError(f"{place}, WITH {factor:g}: give one from 0 to 1")
     return f"if {' '.join(words)} then {conclusion} with {factor!r}"

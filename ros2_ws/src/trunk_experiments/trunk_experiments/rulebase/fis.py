@@ -1,6 +1,6 @@
-"""MATLAB's and Octave's ``.fis``, translated into FLL.
+"""MATLAB's and Octave's ``.fis``, translated into FLL; with what fuzzylite writes into it.
 
-Sugeno's weighted average and sum add up the rules, whatever the file's AggMethod, as MATLAB does.
+Sugeno's weighted average and sum add up the rules, whatever ImpMethod and AggMethod are, as in MATLAB.
 """
 
 from __future__ import annotations
@@ -8,7 +8,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from .words import MOST_RULES, Membership, identifiers, number, numbers, term_line
+from .words import (
+    MOST_RULES,
+    Membership,
+    checked_shape,
+    identifiers,
+    number,
+    numbers,
+    put_once,
+    term_line,
+)
 
 _SHAPES = {
     "trimf": Membership("Triangle", (0, 1, 2)),
@@ -55,7 +64,7 @@ _OR = {
     "hamacher_sum": "HamacherSum",
     "sum": "UnboundedSum",
 }
-RESOLUTION = 100  # points over an output's range; MATLAB and Octave take 101, with both ends
+RESOLUTION = 101  # points over an output's range, with both ends
 _DEFUZZIFIERS = {
     "centroid": f"Centroid {RESOLUTION}",
     "bisector": f"Bisector {RESOLUTION}",
@@ -66,6 +75,11 @@ _DEFUZZIFIERS = {
     "wtsum": "WeightedSum",
 }
 _TYPES = ("mamdani", "sugeno")
+_SYSTEM = frozenset(
+    "Name Type Version NumInputs NumOutputs NumRules "  # noqa: SIM905
+    "AndMethod OrMethod ImpMethod AggMethod DefuzzMethod".split()
+)
+_SWITCHES = {"Enabled": "enabled", "LockRange": "lock-range", "LockPrevious": "lock-previous"}
 # Octave's hedges are a fraction of an index; those that fuzzylite has too.
 _HEDGES = {0: "", 5: "somewhat ", 20: "very ", 40: "very very "}
 _RULE = re.compile(r"([^,]+),([^(]+)\(([^)]*)\)\s*:\s*(\S+)")
@@ -84,6 +98,10 @@ def fis_to_fll(text: str) -> str:
     inputs = [f"Input{i}" for i in range(1, _count(system, "NumInputs", "[System]") + 1)]
     outputs = [f"Output{i}" for i in range(1, _count(system, "NumOutputs", "[System]") + 1)]
     parts = {name: _part(sections, name) for name in (*inputs, *outputs)}
+    for place in sections.keys() - parts.keys() - {"System", "Rules"}:
+        raise ValueError(f"[{place[:30]}] is not read")
+    for key in system.keys() - _SYSTEM:
+        raise ValueError(f"[System] {key[:30]} is not read")
     names = identifiers(_word(part, "Name", f"[{name}]") for name, part in parts.items())
     named = dict(zip(parts, names, strict=True))
     terms = {
@@ -93,6 +111,10 @@ def fis_to_fll(text: str) -> str:
     for name in inputs:
         lines += [f"InputVariable: {named[name]}", *_variable(parts[name], name, terms[name])]
     defuzzifier = _choice(system, "DefuzzMethod", _DEFUZZIFIERS)
+    if sugeno and not defuzzifier.startswith("Weighted"):
+        raise ValueError(
+            f"[System] Type='sugeno' with DefuzzMethod={system['DefuzzMethod']}: give wtaver or wtsum"
+        )
     aggregation = "none" if sugeno else _choice(system, "AggMethod", _OR)
     for name in outputs:
         lines += [
@@ -145,9 +167,9 @@ def _part(sections: Mapping[str, list[str]], name: str) -> dict[str, str]:
     values: dict[str, str] = {}
     for line in sections[name]:
         key, equals, value = line.partition("=")
-        if not equals or key.strip() in values:
-            raise ValueError(f"[{name}]: {line[:30]!r} is no KEY=VALUE that is there once")
-        values[key.strip()] = value.strip()
+        if not equals:
+            raise ValueError(f"[{name}]: {line[:30]!r} is not KEY=VALUE")
+        put_once(values, key.strip(), value.strip(), f"[{name}]")
     return values
 
 
@@ -196,20 +218,34 @@ def _terms(part: Mapping[str, str], place: str) -> list[tuple[str, str, list[flo
             known = ", ".join((*_SHAPES, *_ALL_NUMBERS))
             raise ValueError(f"{where}: type {match[2][:30]!r}: {known} are read")
         padding = values[len(shape.order) :]  # MATLAB's first releases filled up with zeros
-        if len(values) < len(shape.order) or any(padding):
-            raise ValueError(
-                f"{where}: {match[2]} takes {len(shape.order)} numbers; there are {len(values)}"
-            )
-        terms.append((match[1], shape.name, [values[k] for k in shape.order]))
+        # Between commas and spaces a comma may be a decimal one.
+        if not any(padding) and not ("," in match[3] and re.search(r"[^,\s]\s+[^,\s]", match[3])):
+            values = values[: len(shape.order)]
+        terms.append((match[1], shape.name, checked_shape(shape, match[2], values, where)))
     return terms
 
 
 def _variable(part: Mapping[str, str], place: str, names: list[str]) -> list[str]:
     limits = numbers(_value(part, "Range", f"[{place}]").strip("[]"), f"[{place}] Range")
     lines = [f"  range: {' '.join(map(repr, limits))}"]
+    for key, value in part.items():
+        where = f"[{place}] {key[:30]}"
+        if key in _SWITCHES and (place.startswith("Output") or key != "LockPrevious"):
+            lines.append(f"  {_SWITCHES[key]}: {'true' if _switch(value, where) else 'false'}")
+        elif key == "Default" and place.startswith("Output"):
+            if value.lower() != "nan":
+                lines.append(f"  default: {number(value, where)!r}")
+        elif key not in ("Name", "Range", "NumMFs") and not re.fullmatch(r"MF\d+", key):
+            raise ValueError(f"{where} is not read")
     for name, (_, shape, values) in zip(names, _terms(part, place), strict=True):
         lines.append(term_line(name, shape, values))
     return lines
+
+
+def _switch(value: str, place: str) -> bool:
+    if value not in ("0", "1"):
+        raise ValueError(f"{place}={value[:30]}: give 0 or 1")
+    return value == "1"
 
 
 def _rule(

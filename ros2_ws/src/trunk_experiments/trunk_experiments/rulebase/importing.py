@@ -21,6 +21,8 @@ from .sampling import Checked, Deviation, Sampling, Surface, Table, check_points
 
 OUTPUTS = {"fuzzy_pid": ("kp", "kd", "alpha"), "fuzzy": ("u",)}
 INPUTS = ("e", "e_dot")
+# What others call the error and its rate, without underscores.
+_USUAL = {"e": ("e", "err", "error"), "e_dot": ("edot", "de", "ec", "ce", "derror", "errorrate")}
 ALONE = (-1.0, 1.0)  # the range of an input that the file does not have
 
 
@@ -36,6 +38,7 @@ class Imported(NamedTuple):
     surface: Surface  # the file's
     table: Table  # as the law evaluates it, in the file's units
     outputs: tuple[str, ...]
+    silent: list[str]  # ``variable: term`` of the file that is 0 over the whole range
 
     @property
     def text(self) -> str:
@@ -66,7 +69,7 @@ def import_rules(
     deviation, as a share of an output's span, where the table cannot be exact. Raises RuleFileError for a
     file that cannot be read or taken over, and where 64 x 64 peaks do not keep the tolerance.
     """
-    engine = RuleEngine(read_fll(path), path)
+    engine = RuleEngine(read_fll(path), path, both_ends=path.suffix.lower() == ".fis")
     names = _inputs(engine, inputs, path)
     columns = _outputs(engine, outputs, path)
     node = "fuzzy" if columns[0].key == "u" else "fuzzy_pid"
@@ -85,11 +88,17 @@ def import_rules(
 
     ranges = [engine.range(names[key]) if key in names else ALONE for key in INPUTS]
     bends = [engine.vertices(names[key]) if key in names else [] for key in INPUTS]
+    engine.check_centroids(
+        {names[key]: limits for key, limits in zip(INPUTS, ranges, strict=True) if key in names},
+        [column.name for column in variable],
+        tolerance,
+    )
     checked = check_points(surface, ranges)
     sampling = sample(surface, checked, ranges, bends, tolerance)
     values = _values(engine, names, ranges, columns, sampling, path)
     config = build(NODES[node].config, {**values_of(NODES[node].config()), **values})
-    return _judged(path, config, node, values, columns, sampling, checked, surface, tolerance)
+    result = _judged(path, config, node, values, columns, sampling, checked, surface, tolerance)
+    return result._replace(silent=engine.silent_terms())
 
 
 def _judged(
@@ -109,7 +118,7 @@ def _judged(
     result = Imported(
         node, values, sampling.exact and deviation.share <= 1e-11, deviation,
         columns[deviation.output].key, (len(table.error_peaks), len(table.rate_peaks)),
-        surface, table, tuple(column.key for column in columns),
+        surface, table, tuple(column.key for column in columns), [],
     )  # fmt: skip
     if not result.exact and deviation.share > tolerance:
         raise RuleFileError(
@@ -144,8 +153,14 @@ def _inputs(engine: RuleEngine, given: Mapping[str, str], path: Path) -> dict[st
             f"{path}: it has {len(engine.inputs)} inputs ({', '.join(engine.inputs)[:80]}): a table has two, "
             "e and e_dot"
         )
-    names = dict(given) or {name: name for name in INPUTS if name in engine.inputs}
-    taken = {key: engine.input(name).name for key, name in names.items()}
+    taken = {key: engine.input(name).name for key, name in given.items()}
+    for key in INPUTS:
+        usual = [name for name in engine.inputs if name.replace("_", "").lower() in _USUAL[key]]
+        if key not in taken and len(usual) == 1 and usual[0] not in taken.values():
+            taken[key] = usual[0]
+    if len(engine.inputs) == 2 and len(taken) == 1:  # where one is known, the other follows
+        (other,) = set(INPUTS) - taken.keys()
+        taken[other] = next(name for name in engine.inputs if name not in taken.values())
     for name in engine.inputs:
         if list(taken.values()).count(name) != 1:
             raise RuleFileError(
@@ -223,7 +238,7 @@ def _table_values(
     key = "output" if column.key == "u" else column.key
     offset, scale = 0.0, 1.0
     if column.key == "u":
-        scale = max(abs(low), abs(high)) or 1.0
+        scale = max(map(abs, (low, high, *names.values()))) or 1.0
         values["fuzzy.output_scale"] = scale
     elif column.key == "alpha":
         if float(layer.min()) <= 0.0:

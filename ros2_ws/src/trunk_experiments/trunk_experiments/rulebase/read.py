@@ -12,12 +12,39 @@ from pathlib import Path
 from ..errors import RuleFileError
 from .fcl import fcl_to_fll
 from .fis import fis_to_fll
-from .words import MOST_RULES, MOST_TERMS
+from .words import MOST_RULES, MOST_TERMS, put_once
 
 LARGEST = 4_000_000  # bytes
+_COMPONENTS = "Engine InputVariable OutputVariable RuleBlock".split()  # noqa: SIM905
+_REPEATED = ("rule", "term")
+_KEYS = (
+    *(*_COMPONENTS, *_REPEATED, "description", "enabled", "range", "lock-range", "lock-previous"),
+    *("aggregation", "defuzzifier", "default", "conjunction", "disjunction", "implication", "activation"),
+)  # fmt: skip
+_LOST = re.compile(rf"\s+(?=(?:{'|'.join(_KEYS)})\s*:)")
+
+
+def checked_fll(text: str) -> str:
+    """Return FLL with lost ends of lines. Raises ValueError for a line that pyfuzzylite would drop."""
+    if "\n" not in text.strip():
+        text = _LOST.sub("\n", text)
+    seen: dict[str, str] = {}
+    for line in text.splitlines():
+        key, _, value = (word.strip() for word in line.partition("#")[0].partition(":"))
+        if key in _COMPONENTS:
+            seen.clear()
+        elif key and not seen:
+            raise ValueError(f"{key[:30]!r} stands before the first component: not a .fll file")
+        if key and key not in _KEYS:
+            raise ValueError(f"{key[:30]!r} is not a key of a .fll file")
+        if key and key not in _REPEATED:
+            put_once(seen, key, value, next(iter(seen), key))
+    return text
+
+
 TRANSLATIONS: Mapping[str, Callable[[str], str]] = {
     ".fis": fis_to_fll,
-    ".fll": str,
+    ".fll": checked_fll,
     ".fcl": fcl_to_fll,
 }
 
@@ -52,4 +79,4 @@ def _text(path: Path) -> str:
         text = data.decode("latin-1")
     if re.search(r"[\x00-\x08\x0e-\x1f\x7f-\x84\x86-\x9f]", text):
         raise RuleFileError(f"{path}: not a text in UTF-8 or Latin-1: save it as UTF-8")
-    return text
+    return re.sub("\r\n?", "\n", text)

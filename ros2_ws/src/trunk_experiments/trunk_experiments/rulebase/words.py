@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 MOST_RULES = 20_000
@@ -52,6 +52,45 @@ class Membership(NamedTuple):
 
     name: str
     order: tuple[int, ...]
+
+
+# What a shape's numbers must be, in FLL's order; other programs refuse or read otherwise what is not.
+_CONDITIONS: Mapping[str, tuple[str, Callable[..., bool]]] = {
+    "Triangle": ("corners in ascending order", lambda a, b, c: a <= b <= c),
+    "Trapezoid": ("corners in ascending order", lambda a, b, c, d: a <= b <= c <= d),
+    "SShape": ("its start before its end", lambda a, b: a < b),
+    "ZShape": ("its start before its end", lambda a, b: a < b),
+    "PiShape": ("two slopes in ascending order", lambda a, b, c, d: a < b <= c < d),
+    "Rectangle": ("its start before its end", lambda a, b: a < b),
+    "SemiEllipse": ("its start before its end", lambda a, b: a < b),
+    "Ramp": ("two different ends", lambda a, b: a != b),
+    "Concave": ("two different points", lambda a, b: a != b),
+    "Gaussian": ("a width that is not 0", lambda _, width: width != 0.0),
+    "GaussianProduct": ("widths that are not 0", lambda _, a, __, b: a != 0.0 != b),
+    "Bell": ("a width that is not 0", lambda _, width, __: width != 0.0),
+    "Cosine": ("a width that is not 0", lambda _, width: width != 0.0),
+    "Spike": ("a width that is not 0", lambda _, width: width != 0.0),
+}
+
+
+def checked_shape(shape: Membership, name: str, values: Sequence[float], place: str) -> list[float]:
+    """Return a term's numbers in FLL's order. Raises ValueError for numbers that are not its shape's."""
+    if len(values) != len(shape.order):
+        raise ValueError(
+            f"{place}: {name} takes {len(shape.order)} numbers; there are {len(values)}"
+        )
+    ordered = [values[k] for k in shape.order]
+    needed, holds = _CONDITIONS.get(shape.name, ("", lambda *_: True))
+    if not holds(*ordered):
+        raise ValueError(f"{place}: {name} {' '.join(f'{v:g}' for v in values)}: give {needed}")
+    return ordered
+
+
+def put_once(pairs: dict[str, str], key: str, value: str, place: str) -> None:
+    """Add a pair. Raises ValueError for a key that is there."""
+    if key in pairs:
+        raise ValueError(f"{place}: {key[:30]} is there twice")
+    pairs[key] = value
 
 
 def term_line(name: str, shape: str, parameters: Iterable[float]) -> str:

@@ -108,7 +108,7 @@ def _text(path: Path) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ParameterFileError(f"{path}: not a text file: give a CSV file") from None
+        raise ParameterFileError(f"{path}: not a text in UTF-8: save it as CSV UTF-8") from None
 
 
 def _header(line: str, cells: Sequence[str], columns: Sequence[Column]) -> list[str | None]:

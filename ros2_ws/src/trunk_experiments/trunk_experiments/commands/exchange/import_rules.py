@@ -33,7 +33,7 @@ def command() -> None:
     "inputs",
     multiple=True,
     metavar="e|e_dot=NAME",
-    help="Which input of the file is the error, which its rate (also ė=).",
+    help="Which input of the file is the error, which its rate (also ė=); the other follows.",
 )
 @click.option(
     "--output",
@@ -93,6 +93,8 @@ def fuzzy_command(
 
         save(draw(imported, f"{file.name}: {imported.text}"), picture)
     write(target, {imported.node: imported.values})
+    for term in imported.silent:
+        click.echo(f"trunk: warning: {term} is 0 over the whole range", err=True)
     if as_json:
         deviation = imported.deviation
         write_json(
@@ -111,6 +113,7 @@ def fuzzy_command(
                     "error": deviation.error,
                     "rate": deviation.rate,
                 },
+                "silent_terms": imported.silent,
                 "parameters": imported.values,
             },
         )
