@@ -71,8 +71,18 @@ VERBS = {  # `=` is before the default of an option, `?` behind what may be left
 class Verbs:
     """The verbs, and the graph as a node of this command discovers it, hidden as that of ros2cli."""
 
+    spinning = False  # where an exception would meet rclpy in the middle of a call
+    signalled = 0
+
     def __init__(self, args: Namespace) -> None:
         self.args = args
+
+    @classmethod
+    def end(cls, number: int) -> None:
+        """End by a signal, at once or when what spins comes back."""
+        cls.signalled = number
+        if not cls.spinning:
+            sys.exit(number)
 
     @cached_property
     def node(self) -> Any:
@@ -83,7 +93,11 @@ class Verbs:
         """Spin until the condition holds, or for some time; return whether it does."""
         end = time.monotonic() + seconds
         while not (holds := condition()) and time.monotonic() < end:
+            Verbs.spinning = True
             rclpy.spin_once(self.node, timeout_sec=0.05)
+            Verbs.spinning = False
+            if Verbs.signalled:
+                sys.exit(Verbs.signalled)
         return holds
 
     def nodes(self, service: str = "", hidden: bool = False) -> list[str]:
@@ -379,7 +393,7 @@ def parsed(verb: str, words: list[str]) -> Namespace:
 
 def main(words: list[str]) -> Any:
     """Do what a verb does; return its exit code, or what is wrong."""
-    early_signals.end_by(sys.exit)
+    early_signals.end_by(Verbs.end)
     count = 1 if words[:1] == ["run"] else 2
     verb = " ".join(words[:count])
     there = [name for name in VERBS if name.split()[:1] == words[:1]]

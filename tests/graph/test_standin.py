@@ -139,7 +139,7 @@ def test_a_reference_is_published(children: Children, peer: Peer, ros2: Ros2) ->
     assert "publisher: beginning loop\npublishing #1: sensor_msgs.msg.JointState(" in text
     peer.until(lambda: heard, "the reference is heard")
     assert (heard[0].position.tolist(), heard[0].header.frame_id) == ([1.0], "me")
-    assert ros2("topic", "pub", "-t", 3, "-r", 100, "/reference", KIND, given)[0] == 0
+    assert ros2("topic", "pub", "-w", 2, "-t", 3, "-r", 100, "/reference", KIND, given)[0] == 0
     peer.until(lambda: len(heard) == 4, "three more are heard")
 
     for values_given, why in (
