@@ -246,6 +246,24 @@ def test_a_run_pushed_by_hand_is_saved_with_the_pushes(opened, trunk, tmp_path, 
     assert "identical" in run(trunk, ["trunk", "diff", mine, again[-1]])
 
 
+NUMBERS = """() => [...strips.made.values()].map(({ kind, plot, title }) =>
+  [kind.id, title.textContent, ...plot.axes.map(({ _values }) => _values.filter(Boolean).length)])"""
+
+
+def test_each_axis_has_two_numbers_whatever_spikes(opened):
+    page = opened(viewport=DESK)
+    page.wait_for_function(
+        "() => [...strips.made.values()].every(({ plot }) => plot.data[0].length)"
+    )
+    found = {name: (title, x, y) for name, title, x, y in page.evaluate(NUMBERS)}
+    assert set(found) == {"angle", "torque", "terms", "gains", "alpha"}
+    assert all(x >= 2 and y >= 2 for _, x, y in found.values()), found
+    assert found["torque"][0] == "Torque, N·m (peaks cut)"
+    high = page.evaluate("() => strips.made.get('torque').plot.scales.y.max")
+    torque = "() => Math.max(...known.plant.columns.get('torque').subarray(0, known.plant.count))"
+    assert high < 1000 < page.evaluate(torque)
+
+
 def test_scripts_styles_and_html_are_small(path, data):
     assert path.stat().st_size - len(data) < 250_000
     assert path.stat().st_size < 400_000

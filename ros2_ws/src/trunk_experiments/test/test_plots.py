@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.colors import to_rgb
 
 from trunk_experiments.cli import trunk
 from trunk_experiments.errors import PlanError
@@ -96,6 +99,16 @@ def test_the_reference_its_band_and_the_pulse_are_drawn_once(views):
     texts = [text.get_text() for text in overview(views).legends[0].get_texts()]
     assert "pulse acts" in texts
     assert "torque limits" not in texts  # the paper's profile has none
+
+
+def test_a_pulse_that_acts_on_one_run_has_its_colour(views):
+    pulse = views[0].pulses[0]._replace(start=0.25, end=0.5)
+    one, other = replace(views[0], pulses=(*views[0].pulses, pulse)), views[1]
+    figure = overview([other, one])
+    (band,) = [p for p in axes_of(figure, "Trunk angle").patches if p.get_x() == 0.25]
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"pulse acts", "on one run, in its colour"} <= set(texts)
+    assert band.get_facecolor()[:3] == to_rgb(line_style(1)["color"])
 
 
 def test_torque_limits_are_drawn(short_run):

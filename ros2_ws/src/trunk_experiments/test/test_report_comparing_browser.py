@@ -15,6 +15,7 @@ from .test_report import unpacked
 
 pytestmark = pytest.mark.browser
 
+LABELS = "NB NM NS ZO PS PM PB".split()  # noqa: SIM905
 RANGES = "() => charts.filter((c) => c.timed).map((c) => c.target._fullLayout.xaxis.range)"
 STOPS = """() => [...document.querySelectorAll("a[href], button, input, select, summary, [tabindex]")]
     .filter((e) => e.tabIndex >= 0 && !e.disabled)
@@ -84,6 +85,39 @@ def test_thin_curves_keep_every_extreme_and_zoomed_in_every_state(opened, file):
         "gaps": True,
         "peaks": True,
     }
+
+
+def test_every_state_that_is_handed_to_a_chart_is_drawn(opened, views, tmp_path):
+    write(make_report(views[:1]), tmp_path / "one.html")
+    found = opened(tmp_path / "one.html").evaluate(
+        """() => [...chartsById.values()].filter((chart) => chart.drawn).map(({ id, target }) => {
+            const handed = target._fullData.map(({ x }) => x.length);
+            const vertices = [...target.querySelectorAll(".js-line")].map(
+                (path) => path.getAttribute("d").match(/-?[\\d.]+,-?[\\d.]+|[HV]/g).length);
+            return [id, Math.max(...handed), Math.max(...vertices)]; })"""
+    )
+    states = len(views[0].table.t)
+    counts = {name: counts for name, *counts in found}
+    assert counts["angle"] == [states, states]
+    assert counts["torque"] == [states, 2 * states - 1]  # steps
+
+
+def test_a_pulse_on_one_run_has_its_colour_and_surfaces_have_their_labels(
+    opened, short_run, tmp_path
+):
+    one, two = (RunView.read(RecordedRun.open(short_run("fig8", "fuzzy_pid"))) for _ in range(2))
+    report = make_report([one, two])
+    report.data["runs"][1]["pulses"].append(
+        {**report.data["runs"][1]["pulses"][0], "start": 0.2, "end": 0.3}
+    )
+    write(report, tmp_path / "own.html")
+    page = opened(tmp_path / "own.html")
+    bands = page.evaluate("() => markShapes().filter(({ type }) => type === 'rect')")
+    colors = {band["x0"]: band["fillcolor"] for band in bands}
+    assert colors[0.2] == page.evaluate("() => runColor(1)")
+    assert colors[1.0] == page.evaluate("() => cssColor('--pulse')")
+    labels = "() => charts.find(({ target }) => target.id === 'map-0-kp').layout().annotations.map(({ text }) => text)"
+    assert page.evaluate(labels) == [*LABELS, *LABELS]
 
 
 def test_rounded_values_are_read_as_they_were_written(opened, views, tmp_path, monkeypatch):

@@ -233,7 +233,7 @@ def test_no_line_is_longer_than_a_narrow_terminal(path, monkeypatch):
     monkeypatch.chdir(path.parent)  # the file's name is in a title
     done = CliRunner().invoke(trunk, ["study", "compare", path.name])
     assert max(map(cell_len, done.output.splitlines())) <= 80
-    assert done.output.count("  where it stood  ") == 2  # no table is cut into several
+    assert done.output.count("  where it did not fall  ") == 2  # no table is cut into several
 
 
 def test_intervals_of_falls_are_wilsons():

@@ -37,7 +37,7 @@ def render(lab: Mapping[str, Any]) -> str:
         "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
     return page(
-        f"{lab['scenario']}, a lab",
+        f"Lab: {lab['scenario']}",
         f"<style>{''.join(map(part, STYLES))}</style>",
         f'<script type="application/json" id="lab-data">{data}</script>\n<script>{script}</script>',
         lab=True,

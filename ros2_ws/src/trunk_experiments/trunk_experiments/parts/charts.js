@@ -13,16 +13,16 @@ const strips = (() => {
       line("measured", "measurement", "--run5", { ...ANGLE, from: "control", dash: [2, 3], width: 1 }),
       line("reference", "reference", "--reference", { ...ANGLE, from: "control", dash: [5, 4], width: 1.2 }),
     ] },
-    { id: "torque", title: "Torque, N·m", of: "plant", lines: [
+    { id: "torque", title: "Torque, N·m", of: "plant", cut: true, lines: [
       line("τ", "torque", null, { several: true }),
       line("push", "torque", "--push", { from: "pushes", dash: [6, 2], timeout: 0.25 }),
       line("limits", null, "--limit", { dash: [2, 3], width: 1.2, bound: 1 }),
       line("", null, "--limit", { dash: [2, 3], width: 1.2, bound: -1 }),
     ] },
-    { id: "terms", title: "Terms, N·m", of: "control", lines: [
+    { id: "terms", title: "Terms, N·m", of: "control", cut: true, lines: [
       line("P", "p_term", "--run0"), line("I", "i_term", "--run1", { dash: [8, 3] }), line("D", "d_term", "--run2", { dash: [3, 2] }),
     ] },
-    { id: "gains", title: "Gains", of: "control", lines: [
+    { id: "gains", title: "Gains, each in its unit", of: "control", lines: [
       line("Kp, N·m/rad", "kp", "--run0"), line("Ki, N·m/(rad·s)", "ki", "--run1", { dash: [8, 3] }),
       line("Kd, N·m·s/rad", "kd", "--run2", { dash: [3, 2] }),
     ] },
@@ -143,12 +143,12 @@ const strips = (() => {
     const key = document.createElement("span");
     key.className = "key";
     const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-    svg.setAttribute("width", "26");
+    svg.setAttribute("width", "20");
     svg.setAttribute("height", "8");
     svg.setAttribute("aria-hidden", "true");
     const stroke = document.createElementNS("http://www.w3.org/2000/svg", "line");
     const more = one.dash ? { "stroke-dasharray": one.dash.join(" ") } : {};
-    for (const [name, value] of Object.entries({ x1: 0, x2: 26, y1: 4, y2: 4, "stroke-width": 2, stroke: cssColor(one.color), ...more }))
+    for (const [name, value] of Object.entries({ x1: 0, x2: 20, y1: 4, y2: 4, "stroke-width": 2, stroke: cssColor(one.color), ...more }))
       stroke.setAttribute(name, value);
     svg.append(stroke);
     const text = document.createElement("span");
@@ -177,13 +177,24 @@ const strips = (() => {
     const axis = { stroke: cssColor("--ink"), grid: { stroke: cssColor("--grid"), width: 1 }, ticks: { stroke: cssColor("--rule"), width: 1 }, font: "12px system-ui, sans-serif" };
     chart.plot = new uPlot({
       width: Math.max(chart.target.clientWidth, 60), height: chart.target.clientHeight, padding: [8, 8, 0, 0],
-      scales: { x: { time: false, auto: false }, y: { range: (_, low, high) => spread(low, high) } },
-      axes: [{ ...axis, size: 28 }, { ...axis, size: 60, space: 20, values: (_, ticks) => ticks.map((value) => showNumber(value)) }],
+      scales: { x: { time: false, auto: false }, y: { range: (plot, low, high) => spread(chart, plot, low, high) } },
+      axes: [{ ...axis, size: 26 }, { ...axis, size: 60, space: 20, splits: ticks, values: (_, values) => values.map((value) => showNumber(value)) }],
       legend: { show: false }, cursor: { show: false }, hooks: { drawClear: [bands], draw: [marks] },
       series: [{}, ...chart.lines.map((one) => ({
-        stroke: cssColor(one.color), width: one.width ?? 1.8, dash: one.dash, points: { show: false },
+        stroke: cssColor(one.color), width: one.width ?? 1.8, dash: one.dash, points: { show: false }, auto: !one.bound,
       }))],
     }, [[], ...chart.lines.map(() => [])], chart.target);
+  };
+  // uPlot's numbers on an axis; where there is room for one only, the first and the last round one.
+  const ticks = (_, axis, low, high, step) => {
+    const multiples = (unit) => {
+      const first = Math.ceil(low / unit);
+      return Array.from({ length: Math.max(0, Math.floor(high / unit) - first + 1) }, (__, i) => (first + i) * unit);
+    };
+    const all = multiples(step);
+    if (all.length > 1) return all;
+    const finer = multiples(10 ** Math.floor(Math.log10(high - low)) / 2);
+    return [finer[0], finer.at(-1)];
   };
   // Where the plan's pulses act, behind the curves.
   const bands = (plot) => {
@@ -222,8 +233,14 @@ const strips = (() => {
     if (known.recorded) mark(view.time, "--accent", null);
     ctx.restore();
   };
-  const spread = (low, high) => {
+  // As in a report: the derivative of a step makes short peaks, and an axis that holds them shows nothing else.
+  const spread = (chart, plot, low, high) => {
     if (!Number.isFinite(low) || !Number.isFinite(high)) return [-1, 1];
+    const sizes = !chart.kind.cut ? [] : plot.data.flatMap((column, i) => (plot.series[i].auto && i ? Array.from(column, Math.abs) : [])).filter(Number.isFinite).sort((a, b) => a - b);
+    const usual = 1.25 * sizes[Math.floor(0.985 * (sizes.length - 1))];
+    const cut = usual > 0 && 4 * usual < 1.25 * Math.max(-low, high);
+    chart.title.textContent = `${chart.kind.title}${cut ? " (peaks cut)" : ""}`;
+    if (cut) [low, high] = [Math.max(low, -usual), Math.min(high, usual)];
     const edge = Math.max(0.06 * (high - low), 1e-3 * Math.max(Math.abs(low), Math.abs(high))) || 1;
     return [low - edge, high + edge];
   };

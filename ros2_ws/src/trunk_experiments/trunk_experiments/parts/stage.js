@@ -96,17 +96,18 @@ const paintStage = (context, { width, tall }, scene, now) => {
   context.moveTo(12, tall - 10);
   context.lineTo(12 + scale, tall - 10);
   context.stroke();
+  const top = scene.named ? 42 : 22; // above a trunk that has fallen
   if (now.pulse) {
     context.fillStyle = cssColor("--ink");
     context.font = "600 14px system-ui, sans-serif";
     context.textAlign = "center";
-    context.fillText(now.pulse, width / 2, scene.named ? 42 : 22, width - 20);
+    context.fillText(now.pulse, width / 2, top, width - 20);
   }
   if (now.fell !== null) {
     context.fillStyle = cssColor("--limit");
     context.font = "600 14px system-ui, sans-serif";
     context.textAlign = "center";
-    context.fillText(`✕ ${now.ended ?? "fell"} at t = ${showNumber(now.fell, 6)} s`, width / 2, tall - (width < 320 ? 36 : 12), width - 20);
+    context.fillText(`✕ ${now.ended ?? "fell"} at t = ${showNumber(now.fell, 6)} s`, width / 2, top + (now.pulse ? 20 : 0), width - 20);
   }
   return { hip, tip: tip(now.theta), ghost: tip(now.reference), scale };
 };

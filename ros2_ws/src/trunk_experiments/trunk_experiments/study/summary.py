@@ -1,4 +1,4 @@
-"""What each controller of a sweep did: how often it fell, its metrics where it stood; the worst runs."""
+"""What each controller of a sweep did: how often it fell, else its metrics; the worst runs."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from trunk_msgs_util.units import seconds
 from ..analysis.sums import SETTLING_BAND_DEG
 from ..replay.doubts import doubts_of
 from .plot_style import line_style
-from .run_view import RunView, same_pulses
+from .run_view import Pulse, RunView
 
 BAND, PULSE, REFERENCE, LIMIT = "#7a7a7a", "#E69F00", "#222222", "#B00020"
 TURN = "#555555"
@@ -52,8 +52,14 @@ def context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2
         Line2D([], [], color=REFERENCE, linewidth=1.0, linestyle=(0, (2, 2)), label="reference"),
         Patch(color=BAND, alpha=0.22, linewidth=0, label=f"reference ±{SETTLING_BAND_DEG:g}°"),
     ]
-    if same_pulses(views):
+    shared, own = _pulses(views)
+    if shared:
         handles.append(Patch(color=PULSE, alpha=0.45, linewidth=0, label="pulse acts"))
+    if own:
+        color = line_style(own[0][0])["color"]
+        handles.append(
+            Patch(color=color, alpha=0.25, linewidth=0, label="on one run, in its colour")
+        )
     if any(len(view.turns) > 1 for view in views):
         handles.append(Line2D([], [], label="another controller takes over", **TURN_LINE))
     if any(view.run.branch for view in views):
@@ -84,10 +90,21 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$") if not text.startswith("_") else f" {text}".replace("$", r"\$")
 
 
+def _pulses(views: Sequence[RunView]) -> tuple[list[Pulse], list[tuple[int, Pulse]]]:
+    """Return the pulses that act on all runs, and each other one with the index of its run."""
+    shared = set.intersection(*(set(view.pulses) for view in views))
+    own = [(i, pulse) for i, view in enumerate(views) for pulse in sorted({*view.pulses} - shared)]
+    return sorted(shared), own
+
+
 def pulse_spans(axes: Axes, views: Sequence[RunView]) -> None:
-    """Mark where pulses act, if they are the same in all runs."""
-    for p in same_pulses(views):
+    """Mark where pulses act; in a run's colour where they act on it, and not on all."""
+    shared, own = _pulses(views)
+    for p in shared:
         axes.axvspan(p.start, p.end, color=PULSE, alpha=0.45, linewidth=0, zorder=0.5)
+    for i, p in own:
+        color = line_style(i)["color"]
+        axes.axvspan(p.start, p.end, color=color, alpha=0.25, linewidth=0, zorder=0.5)
 
 
 def turns(axes: Axes, views: Sequence[RunView], named: bool = False) -> None:

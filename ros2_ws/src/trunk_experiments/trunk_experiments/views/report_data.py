@@ -225,5 +225,7 @@ def _surfaces(config: RuleBaseConfig, updates: Columns) -> dict[str, Any]:
         "outputs": outputs,
         "errorPeaks": [degrees(peak) for peak in error_peaks],
         "ratePeaks": list(rate_peaks),
+        "errorLabels": list(config.axes.error),
+        "rateLabels": list(config.axes.rate),
         "updates": updates,
     }

@@ -254,11 +254,6 @@ def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = Non
     return names
 
 
-def same_pulses(views: Sequence[RunView]) -> list[Pulse]:
-    """Return the pulse windows of all runs, each once."""
-    return sorted({p for view in views for p in view.pulses})
-
-
 def off_scale(values: Floats) -> float | None:
     """Return a half-range that shows all but short spikes; None if everything fits.
 

@@ -68,7 +68,7 @@ def command(
         write_json("export-web-1", values)
         return
     click.echo(
-        f"{output}: {lab['scenario']}, {', '.join(controllers)}, {len(knobs)} knobs, "
+        f"{output}: {lab['scenario']}, {', '.join(controllers)}, {len(knobs)} knob{'s' * (len(knobs) != 1)}, "
         f"{size / 1000:.0f} kB; open it in a browser"
     )
 

@@ -35,10 +35,10 @@ _BARS = "·▁▂▃▄▅▆▇█"
 _LONG = 500_000  # rows times numbers: some seconds
 _INDENT = "  "  # before a controller, below its metric
 _FALLS = ("controller", "fell", "share", "95 %", "not run")
-_STOOD = ("where it stood", "runs", "mean [95 %]", "median [95 %]")
+_STOOD = ("where it did not fall", "runs", "mean [95 %]", "median [95 %]")
 _PAIRS = ("first - second", "left out", "mean [95 %]", "smaller")
 _UNSHOWN = {"too few pairs": "too few", "not judged": "not judged"}
-_BINS = ("where it stood", "from", "runs", "to")
+_BINS = ("where it did not fall", "from", "runs", "to")
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def _tables(compared: Compared) -> list[tuple[str, Row, list[Row]]]:
             _by_metric(pairs),
         ),
         (
-            "histograms where it stood; the last bin also holds the highest 1 %",
+            "histograms where it did not fall; the last bin also holds the highest 1 %",
             _BINS,
             _by_metric(bins),
         ),

@@ -39,11 +39,17 @@ const MARK_COLORS = { turn: "--soft", change: "--soft", branch: "--branch", fall
 const band = (span, fillcolor) => ({
   type: "rect", xref: "x", yref: "paper", x0: span.start, x1: span.end, y0: 0, y1: 1, line: { width: 0 }, fillcolor, layer: "below",
 });
+// The runs on which a pulse acts.
+const runsWith = (pulse) => report.runs.flatMap(({ pulses }, index) => (pulses.some(({ start, end }) => start === pulse.start && end === pulse.end) ? [index] : []));
 // Lines and bands of all charts over time.
 const markShapes = () => {
   const spans = (list) => [...new Map(list.map((span) => [`${span.start} ${span.end}`, span])).values()];
   return [
-    ...spans(report.runs.flatMap((run) => run.pulses)).map((span) => band(span, cssColor("--pulse"))),
+    ...spans(report.runs.flatMap((run) => run.pulses)).flatMap((span) => {
+      const whose = runsWith(span);
+      if (whose.length === report.runs.length) return [band(span, cssColor("--pulse"))];
+      return whose.map((index) => ({ ...band(span, runColor(index)), opacity: 0.25 }));
+    }),
     ...spans(report.runs.flatMap((run) => run.pushes)).map((span) => band(span, cssColor("--pushed"))),
     ...marks.map(({ at, kind }) => ({
       type: "line", xref: "x", yref: "paper", x0: at, x1: at, y0: 0, y1: 1, line: MARK_LINES[kind](),

@@ -81,7 +81,7 @@ const makeMaps = () => {
       const z = Array.from(fuzzy.rate, (_, i) => values.subarray(i * columns, (i + 1) * columns));
       const surface = () => ({
         type: "heatmap", x: fuzzy.error, y: fuzzy.rate, z, colorscale: "Cividis", zauto: !range,
-        zmin: range?.[0], zmax: range?.[1], colorbar: { thickness: 12, len: 1, outlinewidth: 0, xpad: 6, ticklabelposition: "outside", nticks: 6 },
+        zmin: range?.[0], zmax: range?.[1], colorbar: { thickness: 12, len: 1, outlinewidth: 0, xpad: 22, ticklabelposition: "outside", nticks: 6 },
         hovertemplate: "e %{x:.4~g}°, ė %{y:.4~g} rad/s: %{z:.5~g}<extra></extra>",
       });
       const peaks = (values, axis) => values.map((v) => ({
@@ -102,8 +102,13 @@ const makeMaps = () => {
           const made = { ...baseLayout("error e, °", "its rate ė, rad/s"), hovermode: "closest" };
           made.xaxis.range = whole.x;
           made.yaxis.range = whole.y;
-          made.margin = { l: 50, r: 52, t: TOP, b: 40 };
+          made.margin = { l: 50, r: 68, t: TOP + 10, b: 40 };
           made.shapes = [...peaks(fuzzy.errorPeaks, "x"), ...peaks(fuzzy.ratePeaks, "y")];
+          const label = { showarrow: false, font: { size: 9 } };
+          made.annotations = [
+            ...fuzzy.errorLabels.map((text, i) => ({ ...label, text: plainText(text), x: fuzzy.errorPeaks[i], y: 1, yref: "paper", yanchor: "bottom" })),
+            ...fuzzy.rateLabels.map((text, i) => ({ ...label, text: plainText(text), y: fuzzy.ratePeaks[i], x: 1, xref: "paper", xanchor: "left" })),
+          ];
           return made;
         },
         (time) => {

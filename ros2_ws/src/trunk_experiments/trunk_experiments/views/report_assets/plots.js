@@ -103,9 +103,11 @@ const withView = (chart) => {
   if (report.paper !== undefined) Object.assign(layout, { width: chart.target.clientWidth, height: chart.target.clientHeight });
   return layout;
 };
+// Every point that a chart is given is a vertex; Plotly alone would leave out what is nearly on a line.
+const tracesOf = (chart) => chart.traces().map((trace) => (trace.mode === "lines" ? { ...trace, line: { ...trace.line, simplify: false } } : trace));
 const repaint = (chart) => {
   if (!chart.drawn) return;
-  Plotly.react(chart.target, chart.traces(), withView(chart), CONFIG);
+  Plotly.react(chart.target, tracesOf(chart), withView(chart), CONFIG);
   chart.show(clock.time);
 };
 const repaintCharts = (some = charts) => some.forEach(repaint);
@@ -192,7 +194,7 @@ const oneTabStop = (target) => {
 };
 
 const drawChart = async (chart) => {
-  await Plotly.newPlot(chart.target, chart.traces(), withView(chart), CONFIG);
+  await Plotly.newPlot(chart.target, tracesOf(chart), withView(chart), CONFIG);
   chart.drawn = true;
   link(chart);
   oneTabStop(chart.target);

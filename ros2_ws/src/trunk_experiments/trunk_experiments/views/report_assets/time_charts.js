@@ -30,7 +30,7 @@ const timeChart = (id, column, symbol, unit, options = {}) => {
       if (!curve(index)) return;
       found.push({
         ...drawn(run.columns.t, curve(index)), name: plainText(run.label), type: "scatter", mode: "lines", visible: isShown(index),
-        line: { ...line(index), shape: options.shape ?? "linear", simplify: true },
+        line: { ...line(index), shape: options.shape ?? "linear" },
         ...hoverOf(index, `${hoverNumber("y")} ${unit}`), meta: { run: index },
       });
     });
@@ -113,7 +113,7 @@ const underAngles = () => {
 };
 
 const makeTimeCharts = () => {
-  const has = { pulses: (run) => run.pulses.length, pushes: (run) => run.pushes.length, turns: (run) => run.turns.length > 1,
+  const has = { pulses: (run) => run.pulses.length, "own-pulses": (run) => run.pulses.some((pulse) => runsWith(pulse).length < report.runs.length), pushes: (run) => run.pushes.length, turns: (run) => run.turns.length > 1,
     branches: (run) => run.branch !== null, falls: (run) => run.fell !== null };
   for (const [name, test] of Object.entries(has)) if (report.runs.some(test)) legendHas(name);
 
