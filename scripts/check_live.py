@@ -101,7 +101,7 @@ async def megabytes(page: str, token: str) -> str:
 async def flood(page: str, token: str) -> str:
     """Send 10,000 messages a second for 3 s, by a new page each time one is disconnected."""
     away, sent, until = 0, 0, time.monotonic() + 3.0
-    text = '{"kind": "push", "number": 1, "force": 0, "torque": 9e9, "stamp": 0}'
+    text = '{"kind": "push", "number": 1, "force": 0, "torque": 9e9}'
     socket = await _connected(page, token, lambda message: None)
     while time.monotonic() < until:
         try:

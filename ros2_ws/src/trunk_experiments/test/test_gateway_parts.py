@@ -67,16 +67,16 @@ def test_a_frame_is_its_head_and_its_rows():
         ('{"kind": "reset", "also": 1}', "it must carry these fields only: none"),
         ('{"kind": "reset", "number": "1"}', "its number is not an integer"),
         ('{"kind": "reset", "number": true}', "its number is not an integer"),
-        ('{"kind": "push", "force": NaN, "torque": 0, "stamp": 0}', "not JSON"),
+        ('{"kind": "push", "force": NaN, "torque": 0}', "not JSON"),
         (
-            '{"kind": "push", "force": 1e999, "torque": 0, "stamp": 0}',
+            '{"kind": "push", "force": 1e999, "torque": 0}',
             "force is not a finite float",
         ),
         (
-            f'{{"kind": "push", "force": 1{"0" * 400}, "torque": 0, "stamp": 0}}',
+            f'{{"kind": "push", "force": 1{"0" * 400}, "torque": 0}}',
             "not a finite float",
         ),
-        ('{"kind": "push", "force": true, "torque": 0, "stamp": 0}', "force is not a finite float"),
+        ('{"kind": "push", "force": true, "torque": 0}', "force is not a finite float"),
         (b"\x00\x01", "binary"),
     ],
 )
@@ -86,8 +86,8 @@ def test_what_no_page_sends_is_refused_in_words(text, why):
 
 
 def test_a_request_carries_its_values():
-    found = asked('{"kind": "push", "number": 7, "force": 1, "torque": -2.5, "stamp": 3}')
-    assert found == ("push", 7, {"force": 1.0, "torque": -2.5, "stamp": 3.0})
+    found = asked('{"kind": "push", "number": 7, "force": 1, "torque": -2.5}')
+    assert found == ("push", 7, {"force": 1.0, "torque": -2.5})
     assert asked('{"kind": "reset"}').number == 0
 
 

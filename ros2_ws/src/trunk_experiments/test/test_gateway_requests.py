@@ -123,7 +123,7 @@ def test_one_client_pushes_at_a_time(monkeypatch):
     async def test(served):
         first, second = await served.connect(), await served.connect()
         names = [(await words(page, "hello"))["client"] for page in (first, second)]
-        push = '{"kind": "push", "force": 0, "torque": %g, "stamp": 0}'
+        push = '{"kind": "push", "force": 0, "torque": %g}'
         first.write_message(push % 5.0)
         await served.until(lambda: len(served.feed.asked) == 1)
         second.write_message(push % 5.0)
@@ -195,7 +195,7 @@ def test_a_flood_is_cut_off():
 def test_a_burst_of_late_pushes_does_not_block_other_requests():
     async def test(served):
         page = await served.connect()
-        push = '{"kind": "push", "force": 0, "torque": 0, "stamp": 0}'
+        push = '{"kind": "push", "force": 0, "torque": 0}'
         for _ in range(100):  # a second of pushes while the gateway got no processor time
             page.write_message(push)
         page.write_message('{"kind": "reset", "number": 1}')
@@ -209,7 +209,7 @@ def test_a_burst_of_late_pushes_does_not_block_other_requests():
 def test_requests_sent_too_fast_are_refused_with_an_answer():
     async def test(served):
         page = await served.connect()
-        push = '{"kind": "push", "force": 0, "torque": 0, "stamp": 0}'
+        push = '{"kind": "push", "force": 0, "torque": 0}'
         without_more_tokens(served)
         for _ in range(1200):  # not yet disconnected
             page.write_message(push)

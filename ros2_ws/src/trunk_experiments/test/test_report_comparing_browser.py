@@ -116,8 +116,9 @@ def test_a_pulse_on_one_run_has_its_colour_and_surfaces_have_their_labels(
     colors = {band["x0"]: band["fillcolor"] for band in bands}
     assert colors[0.2] == page.evaluate("() => runColor(1)")
     assert colors[1.0] == page.evaluate("() => cssColor('--pulse')")
-    labels = "() => charts.find(({ target }) => target.id === 'map-0-kp').layout().annotations.map(({ text }) => text)"
-    assert page.evaluate(labels) == [*LABELS, *LABELS]
+    texts = "({ target }) => target.layout.annotations.map(({ text }) => text)"
+    found = page.evaluate(f"() => ({texts})(charts.find((one) => one.target.id === 'map-0-kp'))")
+    assert found == [*LABELS, *LABELS]
 
 
 def test_rounded_values_are_read_as_they_were_written(opened, views, tmp_path, monkeypatch):

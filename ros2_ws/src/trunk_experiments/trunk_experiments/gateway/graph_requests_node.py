@@ -26,7 +26,6 @@ from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import sample_to_ros
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import local_pid
-from trunk_msgs_util.units import nanoseconds
 
 from ..live.parameters import as_present
 from .feed import RefusedRequestError
@@ -89,7 +88,7 @@ class GraphRequests:
         """Do what a client asks for; return the answer. Raises RefusedRequestError."""
         values = asked.values
         if asked.kind == "push":
-            self._push(client, values["force"], values["torque"], values["stamp"])
+            self._push(client, values["force"], values["torque"])
         elif asked.kind == "reference":
             await self._refer(values["angle"])
         elif asked.kind == "set":
@@ -105,10 +104,9 @@ class GraphRequests:
 
     # What an operator does.
 
-    def _push(self, client: str, force: float, torque: float, seen_s: float) -> None:
-        # At zero, a stamp would mean "now": the first state is as good.
-        stamp_ns = nanoseconds(seen_s) if 0.0 < seen_s < 1e9 else 0
-        sample = JointSample(stamp_ns, self._graph.simulator.joints, effort=(force, torque))
+    def _push(self, client: str, force: float, torque: float) -> None:
+        # Unstamped: for the latest state. What a slow page saw is older, but its hand is there.
+        sample = JointSample(0, self._graph.simulator.joints, effort=(force, torque))
         message = sample_to_ros(sample)
         message.header.frame_id = client
         self._pushes.publish(message)

@@ -39,7 +39,7 @@ class Asked(NamedTuple):
 
 # What each kind carries, and of which type; a float may be written as an integer.
 _CARRIES: Mapping[str, Mapping[str, type]] = {
-    "push": {"force": float, "torque": float, "stamp": float},
+    "push": {"force": float, "torque": float},
     "reference": {"angle": float},
     "set": {"node": str, "values": dict},
     "swap": {"to": str},

@@ -108,7 +108,7 @@ const grip = (() => {
       asked = performance.now();
       const at = places();
       if (!at || !may()) {
-        if (last.force || last.torque) wire.send("push", { force: 0, torque: 0, stamp: 0 });
+        if (last.force || last.torque) wire.send("push", { force: 0, torque: 0 });
         held = down = knock = null;
         keys = 0;
         last = { force: 0, torque: 0 };
@@ -116,10 +116,8 @@ const grip = (() => {
       }
       if (held === "reference") wire.send("reference", { angle: angleOf(pointer, at.hip) / DEGREES });
       const now = wanted();
-      const pushes = now.force || now.torque;
-      // Letting go counts at once, whatever was seen, and is said until it has been heard.
-      if (pushes || last.force || last.torque || known.gateway.operator === known.client)
-        wire.send("push", { ...now, stamp: pushes ? known.plant.last : 0 });
+      // Letting go is said until it has been heard.
+      if (now.force || now.torque || last.force || last.torque || known.gateway.operator === known.client) wire.send("push", now);
       last = now;
     },
     words: () => {
