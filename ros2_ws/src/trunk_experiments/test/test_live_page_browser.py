@@ -124,6 +124,25 @@ def test_on_a_phone_nothing_covers_the_torque_and_no_word_is_broken(opened, serv
     assert page.evaluate(NARROW)
 
 
+def test_a_law_without_gains_or_rules_has_its_own_charts_alone(opened):
+    page = opened()
+    page.evaluate(
+        """() => {
+          const terms = { error: "rad", swing_energy: "N m", effort: "N m" };
+          known.nodes.set("mine", { name: "mine", controller: true, terms, rules: null, parameters: {} });
+          known.run.acting = ["mine"];
+          rules.show(); }"""
+    )
+    page.wait_for_selector("#rules", state="hidden")
+    page.wait_for_selector("#strip-own-swing_energy")
+    title = "({ firstChild }) => firstChild.textContent"
+    titles = f"() => [...document.querySelectorAll('#live-charts figcaption')].map({title})"
+    assert page.evaluate(titles) == ["Angle, °", "Torque, N·m", "swing energy, N·m"]
+    page.evaluate("() => { known.run.acting = ['fuzzy_pid']; rules.show(); }")
+    page.wait_for_selector("#rules")
+    page.wait_for_selector("#strip-gains")
+
+
 def test_the_order_of_controllers_and_groups_never_changes(opened, served):
     page = opened()
     order = [["fuzzy_pid", "pid"], ["fuzzy_pid", "pid", "simulator"]]

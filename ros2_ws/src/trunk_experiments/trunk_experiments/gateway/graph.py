@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from trunk_control.controller_config import ControllerConfig
+from trunk_control.laws import law_of
 from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.parameters.declarations import (
@@ -159,6 +160,7 @@ class Graph:
             state=node.state,
             controller=isinstance(node.config, ControllerConfig),
             parameters={name: plain(value) for name, value in node.values.items()},
+            terms=_terms(node.config) if isinstance(node.config, ControllerConfig) else None,
             rules=_rule_base(node.config) if isinstance(node.config, RuleBaseConfig) else None,
         )
         self._board.put(
@@ -188,6 +190,12 @@ class Graph:
             lockstep=config.lockstep,
             rate=config.update_rate,
         )
+
+
+def _terms(config: ControllerConfig) -> dict[str, str]:
+    """Return what a law tells, with units."""
+    law = law_of(config)
+    return {name: {"unsaturated": "N m", **law.units}.get(name, "") for name in law.terms._fields}
 
 
 def _rule_base(config: RuleBaseConfig) -> dict[str, object]:

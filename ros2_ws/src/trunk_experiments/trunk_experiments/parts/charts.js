@@ -30,7 +30,7 @@ const strips = (() => {
   ];
   // What a law tells besides these has a chart of its own.
   const ORDINARY = new Set(["t", "reference", "measurement", "error", "error_rate", "effort", "unsaturated",
-    "row", "column", "w00", "w01", "w10", "w11", ...KINDS.flatMap((kind) => kind.lines.map((l) => l.column))]);
+    "held", "row", "column", "w00", "w01", "w10", "w11", ...KINDS.flatMap((kind) => kind.lines.map((l) => l.column))]);
 
   const bounds = () => known.run.acting.flatMap((name) => {
     const values = known.nodes.get(name)?.parameters ?? {};
@@ -245,14 +245,32 @@ const strips = (() => {
     return [low - edge, high + edge];
   };
 
+  // What is told, with units: by the law that acts; of a recording by all its laws, as their times come.
+  const told = () => {
+    const laws = [...known.nodes.values()].filter(({ terms }) => terms);
+    const acting = known.recorded && !known.runs[0].name ? [] : laws.filter(({ name }) => known.run.acting.includes(name));
+    return Object.assign({}, ...(acting.length ? acting : laws).map(({ terms }) => terms));
+  };
+  // A law's own terms stand before what laws have in common.
   const wantedKinds = () => {
-    const own = [...known.control.columns.keys()].filter((name) => !ORDINARY.has(name));
-    const there = KINDS.filter((kind) => kind.of === "plant" || kind.lines.some((one) => known.control.columns.has(one.column)));
-    return [...there, ...own.map((name) => ({ id: `own-${name}`, title: name.replaceAll("_", " "), of: "control", lines: [line(name.replaceAll("_", " "), name, "--run0")] }))];
+    const terms = told();
+    const own = Object.entries(terms).filter(([name]) => !ORDINARY.has(name)).map(([name, unit]) => {
+      const words = name.replaceAll("_", " ");
+      const title = unit ? `${words}, ${dotted(unit)}` : words;
+      return { id: `own-${name}`, title, of: "control", lines: [line(words, name, "--run0")] };
+    });
+    const common = KINDS.filter((kind) => kind.of === "control" && kind.lines.some((one) => one.column in terms));
+    return [...KINDS.filter((kind) => kind.of === "plant"), ...own, ...common];
+  };
+  const arrange = () => {
+    const wanted = wantedKinds();
+    for (const kind of wanted) if (!made.has(kind.id)) made.set(kind.id, make(kind));
+    const figures = wanted.map(({ id }) => made.get(id).figure);
+    if (figures.length !== place.children.length || figures.some((figure, i) => figure !== place.children[i])) place.replaceChildren(...figures);
   };
 
   const draw = (time) => {
-    for (const kind of wantedKinds()) if (!made.has(kind.id)) made.set(kind.id, make(kind));
+    arrange();
     const { from, until, to } = view.range(time);
     const counts = [known.pushes, ...known.runs.flatMap(({ plant, control }) => [plant, control])].map(({ count }) => count);
     const drawn = [from, until, to, known.version, ...counts].join();

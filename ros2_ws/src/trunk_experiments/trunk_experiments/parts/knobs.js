@@ -71,7 +71,7 @@ const knobs = (() => {
     // A long name breaks only after a dot or an underscore.
     code.append(...name.split(/(?<=[._])/).flatMap((part) => [part, document.createElement("wbr")]));
     label.append(code);
-    const unit = element("span", "sub unit", about.unit.replaceAll(" ", "·"));
+    const unit = element("span", "sub unit", dotted(about.unit));
     const whole = `${about.description}; ${about.allowed}${about.fixed && !about.refused ? "; fixed at start" : ""}`;
     const words = element("p", "about");
     words.id = `${id}-about`;

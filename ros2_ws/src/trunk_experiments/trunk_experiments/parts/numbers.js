@@ -30,6 +30,9 @@ const showNumber = (value, digits = 4) => {
   return text.replace("-", "−");
 };
 
+// A unit as the pages spell it: N·m.
+const dotted = (unit) => unit.replace(/(?<!or) (?!or)/g, "·");
+
 // Looking a colour up costs more than drawing with it: each is kept until the theme changes.
 const [cssColor, forgetColors] = (() => {
   const kept = new Map();

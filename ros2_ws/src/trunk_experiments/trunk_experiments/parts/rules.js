@@ -16,7 +16,12 @@ const rules = (() => {
 
   const has = (name) => Boolean(known.nodes.get(name)?.rules);
   // Of runs side by side the one that is shown; otherwise of the controller that acts, or acted last.
-  const owner = () => (known.runs[0].name ? known.run.acting : [...known.run.acting, shown, ...known.nodes.keys()]).find(has);
+  // Beside a law without gains, as one's own may be, the rules of another are foreign.
+  const owner = () => {
+    const { acting } = known.run;
+    const foreign = acting.length && acting.every((name) => !("kp" in (known.nodes.get(name)?.terms ?? {})));
+    return (known.runs[0].name || foreign ? acting : [...acting, shown, ...known.nodes.keys()]).find(has);
+  };
   const rowsOf = (name) => changed.get(name) ?? known.nodes.get(shown).parameters[name];
 
   // The default rules are for the default labels: they do not fit a base of another size.
@@ -220,7 +225,7 @@ const rules = (() => {
     });
     const gains = [["kp", "Kp"], ["ki", "Ki"], ["kd", "Kd"], ["alpha", "α"]]
       .filter(([name]) => Number.isFinite(value(name))).map(([name, title]) => `${title} ${showNumber(value(name))}`);
-    const words = there ? `Now: ${gains.join(", ")}.` : "";
+    const words = there && gains.length ? `Now: ${gains.join(", ")}.` : "";
     const line = document.getElementById("gains-now");
     if (line.textContent !== words) line.textContent = words;
   };

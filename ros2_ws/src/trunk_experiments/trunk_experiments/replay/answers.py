@@ -57,6 +57,11 @@ class Answers:
         """True for a process in real time of which no command is on record."""
         return bool(self.process.source) and not len(self._stamps)
 
+    @property
+    def last_ns(self) -> int:
+        """The stamp of its last command on record, ns; -1 if there is none."""
+        return int(self._stamps.max(initial=-1))
+
     def answered(self, stamps: Integers) -> Bools:
         """Return which states this process answered, by its own commands."""
         return np.isin(stamps, self._stamps)

@@ -40,7 +40,7 @@ def own_terms(views: Sequence[RunView]) -> list[OwnTerm]:
         for controller in view.controllers:
             for name in own_terms_of(controller):
                 units = {**law_named(controller).units, **_UNITS}
-                own.setdefault(name, OwnTerm(name, units.get(name, "")))
+                own.setdefault(name, OwnTerm(name, units.get(name, "").replace(" ", "·")))
     return list(own.values())
 
 
