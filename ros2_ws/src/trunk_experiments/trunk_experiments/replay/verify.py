@@ -152,8 +152,8 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
             verdict.obstacles += without_commands(run, answers.process)
         if (lacking := answers.lacking) is None:
             continue
-        # A file that was cut may end with a command whose terms were still to come, after states or before, and
-        # a controller that was killed after the end may have taken its last terms with it.
+        # A file that was cut may end with a command whose terms were still to come, and a controller that was
+        # killed after the end may have taken its last terms with it.
         cut = not complete and lacking.stamp_ns >= answers.last_ns
         killed = run.mode != "offline" and answers.process.published is None
         if is_whole(run, answers.process) and not cut and not killed:
