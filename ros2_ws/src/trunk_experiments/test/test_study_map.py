@@ -14,13 +14,14 @@ from rich.cells import cell_len
 from trunk_experiments.cli import trunk
 from trunk_experiments.console import tables
 from trunk_experiments.errors import StudyError
+from trunk_experiments.study import map as study_map
 from trunk_experiments.study.compare import FELL, compare_study, difference_of
 from trunk_experiments.study.curves import draw_curves
 from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.intervals import mean_and_median, wilson
 from trunk_experiments.study.map import axis_of, panels
 from trunk_experiments.study.results import Results
-from trunk_experiments.study.summary import Falls
+from trunk_experiments.study.summary import Falls, worst_runs
 from trunk_experiments.study.sweep import SweepJob, processes
 
 STUDY = """
@@ -38,15 +39,29 @@ vary:
 """
 
 
-@pytest.fixture(scope="module")
-def path(tmp_path_factory):
-    sweep = SweepJob(
-        parse_study(STUDY, "study.yaml"), tmp_path_factory.mktemp("map") / "out.parquet"
-    )
+START_AND_PUSH = """
+scenario: demo
+rate: 200
+duration: 0.5
+controllers: [pid, fuzzy_pid]
+set: {disturbance.pulse.channel: trunk_effort, disturbance.pulse.start_times: [0.1]}
+vary:
+  start: {parameter: "simulator.initial.position[1]", from: -20deg, to: 20deg, steps: 3}
+  push: {parameter: disturbance.pulse.magnitude, from: 5Nm, to: 20Nm, steps: 3}
+"""
+
+
+def swept(text, folder):
+    sweep = SweepJob(parse_study(text, "study.yaml"), folder / "out.parquet")
     sweep.start()
     sweep.run(processes(1))
     sweep.finish()
     return sweep.output
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return swept(STUDY, tmp_path_factory.mktemp("map"))
 
 
 @pytest.mark.slow
@@ -256,3 +271,24 @@ def test_mean_and_median_have_intervals_that_cover_them():
     assert all(inside <= 60)
     assert not mean_and_median(np.array([1.0]))[1].known
     assert mean_and_median(np.array([2.0, 2.0]))[1] == (2.0, 2.0, 2.0)
+
+
+def test_multipliers_are_computed_once_for_a_loop_that_no_axis_changes(tmp_path, monkeypatch):
+    computed = []
+    real = study_map.floquet
+    monkeypatch.setattr(study_map, "floquet", lambda plan: computed.append(plan) or real(plan))
+    results = Results.read(swept(START_AND_PUSH, tmp_path))
+    found = panels(results, "overshoot_deg", ("start", "push"), with_floquet=True)
+    assert len(computed) == len(found) == 2
+    assert all(np.ptp(panel.growth) == 0.0 for panel in found)
+    # Axes and runs have the units that were typed, and the legend what is drawn: nothing.
+    figure = study_map.draw(found, "overshoot_deg", ("start", "push"), results.study, "")
+    assert figure.axes[0].get_xlabel() == "start (°)"
+    assert figure.axes[0].get_ylabel() == "push (N·m)"
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend == [
+        "not defined"
+    ]  # of a trunk that begins upright; nobody falls, no line is there
+    (worst,) = worst_runs(results, "overshoot_deg", 1)
+    assert worst.varied["start"] in ("-20°", "0°", "20°")
+    assert worst.varied["push"].endswith(" N m")

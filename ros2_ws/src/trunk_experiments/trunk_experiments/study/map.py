@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import degrees, nan
+from math import nan
 from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -24,13 +27,13 @@ from ..analysis.metrics import QUANTITIES
 from ..batch.workers import as_completed_bounded, worker_pool
 from ..errors import PlanError, StudyError, SweepError
 from ..plans.plan import RunPlan
-from ..tuning.floquet import floquet
+from ..tuning.floquet import floquet, prepared
 from ..views.plot_style import COLORS, STYLE, with_unit
 from .bases import plan_of
 from .design import design
 from .results import METRICS, Results
 from .study import Scalar, StudySpec, Variable
-from .units import units_for
+from .units import shown_unit
 
 Progress = Callable[[int, int], None]  # takes the amount done and the total
 _MANY = 200  # points: fewer are faster without processes
@@ -48,6 +51,7 @@ class MapPanel:
     y: Floats
     values: Floats  # mean over the draws that did not fall
     fallen: Floats  # fraction of the draws that fell
+    draws: int  # of a point, at most
     quiet: Floats  # RMS at the end, deg, mean; infinite where all fell
     growth: Floats | None  # Floquet: the largest multiplier, per second
 
@@ -113,7 +117,8 @@ def _panel(
         with np.errstate(invalid="ignore"):
             return sums / counts
 
-    return MapPanel(name, x, y, mean(upright), mean(fallen), mean(rms), growth)
+    draws = int(np.unique(j * len(x) + i, return_counts=True)[1].max())
+    return MapPanel(name, x, y, mean(upright), mean(fallen), draws, mean(rms), growth)
 
 
 def _growth(results: Results, axes: Sequence[str], progress: Progress) -> Mapping[str, Floats]:
@@ -147,11 +152,20 @@ def _growth(results: Results, axes: Sequence[str], progress: Progress) -> Mappin
 
 
 def _growths(plans: list[RunPlan], progress: Progress) -> list[float]:
-    """Return each plan's growth, on all cores if there are many plans; NaN if undefined."""
+    """Return each plan's growth, on all cores if there are many; NaN if undefined.
+
+    Plans of one linearised loop have one growth: a push or a start angle changes none.
+    """
+    loops: dict[bytes, list[int]] = {}
+    for k, plan in enumerate(plans):
+        with suppress(PlanError):  # the hip hardly moves: its period is too long
+            loops.setdefault(pickle.dumps(prepared(plan)), []).append(k)
     growths = [nan] * len(plans)
-    for done, (k, growth) in enumerate(_numbered_growths(plans), start=1):
-        growths[k] = growth
-        progress(done, len(plans))
+    alike = list(loops.values())
+    for done, (k, growth) in enumerate(_numbered_growths([plans[some[0]] for some in alike]), 1):
+        for place in alike[k]:
+            growths[place] = growth
+        progress(done, len(alike))
     return growths
 
 
@@ -172,10 +186,7 @@ def _numbered_growths(plans: list[RunPlan]) -> Iterator[tuple[int, float]]:
 
 def _growth_of(numbered: tuple[int, RunPlan]) -> tuple[int, float]:
     number, plan = numbered
-    try:
-        return number, floquet(plan).growth
-    except PlanError:  # the hip hardly moves: its period is too long
-        return number, nan
+    return number, floquet(plan).growth
 
 
 def draw(
@@ -194,45 +205,57 @@ def draw(
     with rc_context({**STYLE, "axes.grid": False}):
         figure = Figure(figsize=(1.2 + 4.2 * len(maps), 4.6), layout="constrained")
         plots = figure.subplots(1, len(maps), sharey=True, squeeze=False)[0]
+        shown: dict[str, Artist] = {}
         for plot, panel in zip(plots, scaled, strict=True):
-            mesh = _draw_panel(plot, panel, (float(low), float(max(high, low + 1e-12))))
+            mesh, lines = _draw_panel(plot, panel, (float(low), float(max(high, low + 1e-12))))
+            shown |= lines
             plot.set_title(panel.controller)
             plot.set_xlabel(x)
         plots[0].set_ylabel(y)
         figure.colorbar(mesh, ax=list(plots), label=metric_label(metric), extend="both")
-        figure.legend(
-            handles=_legend(maps), loc="outside lower center", ncols=4 if len(maps) > 1 else 2
-        )
+        if shown:
+            columns = 4 if len(maps) > 1 else 2
+            figure.legend(handles=list(shown.values()), loc="outside lower center", ncols=columns)
         figure.suptitle(title)
     return figure
 
 
-def _draw_panel(plot: Axes, panel: MapPanel, limits: tuple[float, float]) -> Any:
+def _draw_panel(
+    plot: Axes, panel: MapPanel, limits: tuple[float, float]
+) -> tuple[Any, dict[str, Artist]]:
+    """Draw a panel; return its colours, and the legend's entry of each kind of mark that is there."""
     plot.set_facecolor(_FALLEN)
+    marks: dict[str, Artist] = {}
+    fell = panel.fallen > 0.5
+    undefined = (
+        np.isnan(panel.values) & ~fell
+    )  # such as a settling time of a trunk that never settles
+    if fell.any() or undefined.any():
+        why = ["fallen or diverged"] * fell.any() + ["not defined"] * undefined.any()
+        marks[", ".join(why)] = Patch(color=_FALLEN, label=", ".join(why))
     shown = np.ma.masked_invalid(np.where(panel.fallen > 0.5, np.nan, panel.values))
     mesh = plot.pcolormesh(
         panel.x, panel.y, shown, cmap="cividis", vmin=limits[0], vmax=limits[1], shading="nearest"
     )
     scale_axis(plot, "x", panel.x)
     scale_axis(plot, "y", panel.y)
-    _line(plot, panel, np.nan_to_num(panel.fallen, nan=1.0), 0.5, _BOUNDARY, "solid")
-    level = np.log(np.clip(panel.quiet, 1e-6, 1e6))
-    _line(plot, panel, level, float(np.log(QUIET_DEG)), _BOUNDARY, (0, (1.5, 1.5)))
+    edge = "half the runs fall" if panel.draws > 1 else "from here on it falls"
+    lines: list[tuple[Floats, float, str, Any, str]] = [
+        (np.nan_to_num(panel.fallen, nan=1.0), 0.5, _BOUNDARY, "solid", f"simulated: {edge}"),
+        (
+            np.log(np.clip(panel.quiet, 1e-6, 1e6)), float(np.log(QUIET_DEG)), _BOUNDARY,
+            (0, (1.5, 1.5)), f"simulated: RMS {QUIET_DEG:g}° at the end",
+        ),
+    ]  # fmt: skip
     if panel.growth is not None:
-        level = np.log(np.clip(panel.growth, 1e-6, 1e6))
-        _line(plot, panel, level, 0.0, _FLOQUET, (0, (6, 2)))
-    return mesh
-
-
-def _line(
-    plot: Axes, panel: MapPanel, values: Floats, level: float, color: str, dashes: Any
-) -> None:
-    if min(values.shape) < 2 or np.isnan(values).all():
-        return
-    if np.nanmin(values) < level < np.nanmax(values):
-        plot.contour(
-            panel.x, panel.y, values, [level], colors=[color], linestyles=[dashes], linewidths=1.8
-        )
+        growth = np.log(np.clip(panel.growth, 1e-6, 1e6))
+        lines.append((growth, 0.0, _FLOQUET, (0, (6, 2)), "Floquet: multiplier 1"))
+    for values, level, color, dashes, label in lines:
+        if min(values.shape) > 1 and np.nanmin(values) < level < np.nanmax(values):
+            style: dict[str, Any] = {"linestyles": [dashes], "linewidths": 1.8}
+            plot.contour(panel.x, panel.y, values, [level], colors=[color], **style)
+            marks[label] = Line2D([], [], color=color, linestyle=dashes, label=label)
+    return mesh, marks
 
 
 def metric_label(metric: str) -> str:
@@ -244,14 +267,10 @@ def metric_label(metric: str) -> str:
 def axis_of(study: StudySpec, name: str) -> tuple[str, float]:
     """Return the label of a variable's axis, with its unit, and what its values are multiplied by there.
 
-    Angles are drawn in degrees, as everywhere; a factor is a plain number.
+    A factor is a plain number.
     """
-    v = next(v for v in study.variables if v.name == name)
-    units = units_for(v.targets, v.how, study.contenders)
-    unit = units[0][0] if len(units) == 1 and len(units[0]) == 1 else ""
-    if unit == "rad":
-        return with_unit(name, "°"), degrees(1.0)
-    return with_unit(name, "factor" if v.how == "factor" else unit), 1.0
+    unit, scale = shown_unit(study, next(v for v in study.variables if v.name == name))
+    return with_unit(name, unit), scale
 
 
 def scale_axis(plot: Axes, axis: str, values: Floats) -> None:
@@ -270,19 +289,3 @@ def _geometric(values: Floats) -> bool:
         return False
     ratios = values[1:] / values[:-1]
     return bool(np.ptp(ratios) < 0.01 * ratios[0]) and ratios[0] > 1.001
-
-
-def _legend(maps: list[MapPanel]) -> list[Any]:
-    handles: list[Any] = [
-        Patch(color=_FALLEN, label="fallen or diverged"),
-        Line2D([], [], color=_BOUNDARY, label="simulated: half the runs fall"),
-        Line2D(
-            [], [], color=_BOUNDARY, linestyle=(0, (1.5, 1.5)),
-            label=f"simulated: RMS {QUIET_DEG:g}° at the end",
-        ),
-    ]  # fmt: skip
-    if any(panel.growth is not None for panel in maps):
-        handles.append(
-            Line2D([], [], color=_FLOQUET, linestyle=(0, (6, 2)), label="Floquet: multiplier 1")
-        )
-    return handles

@@ -14,6 +14,7 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 
 from .intervals import Estimate, mean_and_median, wilson
 from .results import METRICS, Results
+from .units import shown
 
 BINS = 24
 _MOST = 99.0  # percent of the values that the bins span; those above are in the last one
@@ -184,7 +185,7 @@ def worst_runs(results: Results, metric: str, count: int = 10) -> list[Worst]:
         elif fallen[i] == 1.0:
             ended = f"fell, up to {swing[i]:.0f}°"
         value = None if np.isnan(values[i]) else float(values[i])
-        varied = {name: row[name] for name in names}
+        varied = {name: shown(results.study, name, row[name]) for name in names}
         cases.append(
             Worst(row["run"], row["controller"], ended, bool(fallen[i] == 1.0), value, varied)
         )

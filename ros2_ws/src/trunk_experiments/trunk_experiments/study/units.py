@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from math import degrees
 from typing import Any
 
 from trunk_msgs_util.parameters.declarations import (
@@ -17,6 +20,7 @@ from ..plans.nodes import NODES
 from .study import ContenderSpec, StudySpec, Target, Variable
 from .targets import node_of
 
+_UNIT = re.compile(r"[-+.\d]+(?:[eE][-+]?\d+)?\s*(\D.*)")
 Units = tuple[tuple[str, ...], ...]  # a number has to fit each inner tuple, by any one of its units
 
 
@@ -50,6 +54,48 @@ def number_of(text: str, units: Units) -> float:
     """Return a number with a unit in SI units. Raises UnitError unless it fits all of ``units``."""
     numbers = [read_quantity(text, *allowed) for allowed in units]
     return numbers[0]
+
+
+def shown_unit(study: StudySpec, v: Variable) -> tuple[str, float]:
+    """Return the unit in which a variable's numbers are shown, and what its SI numbers are multiplied by.
+
+    It is the one of the entry's first number that has one, else the parameter's, angles in degrees; empty
+    where several are possible.
+    """
+    if v.how == "factor":
+        return "factor", 1.0
+    allowed = {unit for units in units_for(v.targets, v.how, study.contenders) for unit in units}
+    if len(allowed) > 1:  # another parameter chooses
+        chosen = {unit for target in v.targets for unit in _chosen(study, target)}
+        allowed = chosen if len(chosen) == 1 else allowed
+    typed = _UNIT.sub(r"\1", v.written[0]) if v.written else ""
+    for unit in allowed if typed else ():
+        with suppress(UnitError):
+            scale = 1.0 / read_quantity(f"1 {typed}", unit)
+            return (unit if scale == 1.0 else "°" if unit == "rad" else typed), scale
+    if allowed == {"rad"}:
+        return "°", degrees(1.0)
+    return (min(allowed), 1.0) if len(allowed) == 1 else ("", 1.0)
+
+
+def shown(study: StudySpec, name: str, value: object) -> str:
+    """Return one of a study's numbers with the unit in which it is shown; anything else as it is."""
+    if not isinstance(value, float | int) or isinstance(value, bool):
+        return str(value)
+    unit, scale = shown_unit(study, next(v for v in study.variables if v.name == name))
+    number = f"{value * scale:.6g}"
+    return number + unit if unit == "°" else f"{number} {unit}".replace(" factor", " times").strip()
+
+
+def _chosen(study: StudySpec, target: Target) -> Iterable[str]:
+    """Yield the unit that a study's own settings choose for a parameter."""
+    declared = (
+        declarations(NODES[target.node].config).get(target.name) if target.node in NODES else None
+    )
+    for text in study.settings if declared and declared.unit_by else ():
+        name, _, value = text.partition("=")
+        if declared and name == f"{target.node}.{declared.unit_by}":
+            yield from units_of(declared, {declared.unit_by: value})[0]
 
 
 def check_units(study: StudySpec, v: Variable, target: Target, config: Any) -> None:

@@ -166,8 +166,20 @@ def _compiled(controller: str) -> Callable[..., int]:
     return compiled(monodromy_of(law_named(controller).update))
 
 
-def floquet(plan: RunPlan) -> Floquet:
-    """Return a plan's multipliers, its hip prescribed at its initial speed.
+class Prepared(NamedTuple):
+    """All that a plan's multipliers follow from."""
+
+    controller: str
+    loop: SampledLoop
+    constants: Any
+    speed: float  # m/s
+    steps: int  # of a period
+    every: int  # steps between updates
+    delay: int  # steps
+
+
+def prepared(plan: RunPlan) -> Prepared:
+    """Return a plan's loop about the upright trunk, its hip prescribed at its initial speed.
 
     The period is rounded to whole control periods and the speed with it. A hip that is not shaken (speed,
     a level path, or wave number 0) gives one control period. Raises PlanError for a period that is too long,
@@ -198,14 +210,21 @@ def floquet(plan: RunPlan) -> Floquet:
         if steps > _MOST_STEPS:
             raise PlanError(f"{steps} samples in one period of the hip: it hardly moves")
         speed = 2.0 * pi / (body.wavenumber * seconds(steps * loop.period_ns))
-    delay = simulator.delay_steps
+    return Prepared(
+        plan.controller_name, loop, config.constants, speed, steps, every, simulator.delay_steps
+    )
+
+
+def floquet(plan: RunPlan) -> Floquet:
+    """Return a plan's multipliers. Raises what `prepared` does."""
+    controller, loop, given, speed, steps, every, delay = prepared(plan)
     size = _OUTPUTS + 2 * delay
     identity = np.eye(size)
     now = np.ascontiguousarray(identity[:_OUTPUTS])
     past = np.ascontiguousarray(identity[_OUTPUTS:].reshape(delay, 2, size))
-    constants = tuple(with_arrays(part) for part in config.constants)
+    constants = tuple(with_arrays(part) for part in given)
     worthwhile = steps >= WORTH_COMPILING
-    slot = (_compiled if worthwhile else _plain)(plan.controller_name)(
+    slot = (_compiled if worthwhile else _plain)(controller)(
         speed, steps, every, loop, constants, now, past, workspace_of(size)
     )
     matrix = np.vstack([now, np.roll(past, -slot, axis=0).reshape(2 * delay, size)])

@@ -141,7 +141,10 @@ def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) 
     if x is not None and x == y:
         raise PlanError(f"{source}: --x and --y are both {x!r}: give two of {known}")
     if not grid:
-        raise PlanError(f"{source}: a map needs one or two grid variables; it has none")
+        raise PlanError(
+            f"{source}: a map needs one or two grid variables; it has none: trunk study report "
+            "shows the metrics over what is drawn"
+        )
     if len(grid) == 1:
         if y is not None:
             raise PlanError(f"{source}: --y {y}: there is no other grid variable: give --x {y}")

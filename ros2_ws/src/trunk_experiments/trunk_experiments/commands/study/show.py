@@ -81,16 +81,15 @@ def command(
         click.echo(f"diverged, as in the sweep: {line_of(diverged)}")
     elif run.fell:
         click.echo("fell, as in the sweep")
-    drawn = ", ".join(f"{name} {_text(value)}" for name, value in run.varied.items())
+    from ...study.units import shown
+
+    study = run.results.study
+    drawn = ", ".join(f"{name} {shown(study, name, value)}" for name, value in run.varied.items())
     click.echo(f"{output}: run {number}, {controller}, {written['states']} states; {drawn}")
     if diverged is None:
         click.echo(f"{output}: the metrics equal the row in {results}, bit for bit")
     if size is not None:
         click.echo(f"{report}: 1 run, {size / 1e6:.1f} MB")
-
-
-def _text(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _write_report(recording: Path, target: Path) -> int:
