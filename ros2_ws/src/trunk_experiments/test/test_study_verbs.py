@@ -75,7 +75,7 @@ def test_a_run_shown_again_verifies_and_has_the_bits_of_its_row(swept, tmp_path,
     target = tmp_path / "run.mcap"
     code, out, err = command_says("study", "show", swept, "--run", run, "-o", target)
     assert (code, err) == (0, "")
-    assert f"run {run}, pid, 251 states; delay 0 s, mass 0.4 times, angle " in out
+    assert f"run {run}, pid, 251 states; delay 0 s, mass 0.4 kg, angle " in out
     found = RecordedRun.open(target)
     assert verify(found.recording).word == "verified"
     row = rows(swept)[run]
