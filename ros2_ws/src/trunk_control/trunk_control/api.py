@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trunk_msgs_util.elementary import cos, exp, log, sin
+from trunk_msgs_util.elementary import atan2, cos, exp, log, sin, sqrt, tanh
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 
 from .controller_config import ControllerConfig
@@ -23,6 +23,7 @@ __all__ = [
     "PidState",
     "PidTerms",
     "Sample",
+    "atan2",
     "constant_gains",
     "cos",
     "exp",
@@ -32,5 +33,7 @@ __all__ = [
     "parameter",
     "pid_update",
     "sin",
+    "sqrt",
+    "tanh",
     "usable",
 ]

@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.analysis.metrics import QUANTITIES, metrics
+from trunk_experiments.analysis.parameter_text import differing_texts
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.cli import trunk
 from trunk_experiments.recorded.run import RecordedRun
@@ -212,3 +213,11 @@ def test_fall_stop_makes_another_task_only_where_a_trunk_fell(short_run):
 def test_substeps_do_not_make_another_task(short_run, runs):
     finer = short_run("fig6", "pid", duration=3.0, settings=("simulator.substeps=20",))
     assert compare([RunView.read(RecordedRun.open(p)) for p in (runs[0], finer)]).tasks == ()
+
+
+def test_a_long_array_is_shown_by_its_ends_and_what_differs_in_it():
+    many = tuple(float(k) for k in range(100))
+    other = (*many[:50], 50.5, *many[51:])
+    first, second = differing_texts((many, other))
+    assert first == "[0, 1, …, 99] (100 in all)"
+    assert second == "[50] 50.0 → 50.5"

@@ -172,7 +172,7 @@ def test_the_push_is_one_besides_the_scenario_s(command_says, monkeypatch):
     code, out, _ = command_says(*words)
     assert code == 0
     assert "push from 0 to 1000 N" in out
-    assert "pulses: 1.745 rad on trunk_position, for 0.1 s each, from t = 1, 5 s" in out
+    assert "pulses: 100° on trunk_position, for 0.1 s each, from t = 1, 5 s" in out
     assert "push: on hip_effort, for 0.05 s, from t = 3 s" in out
     table = ["disturbance.table.times=[0, 1]", "disturbance.table.values=[0, 1]"]
     used = [
@@ -250,3 +250,14 @@ def test_mistakes_are_one_line(command_says, words, says):
     assert code == 2
     assert says in err
     assert len(err.strip().splitlines()) == 1
+
+
+def test_an_element_of_an_array_may_vary_and_angles_are_in_degrees(command_says):
+    vary = ("--vary", "simulator.initial.position[1]", "--controller", "pid", "--within", 0.01)
+    code, out, _ = command_says("limit", "fig6", *vary, "--from", "0deg", "--to", "120deg")
+    assert code == 0
+    assert "simulator.initial.position[1] from 0 to 120°" in out.splitlines()[0]
+    assert "stands, °" in out
+    whole = ("--vary", "simulator.initial.position", "--to", "1")
+    code, _, err = command_says("limit", "fig6", *whole)
+    assert (code, err.count("\n")) == (2, 1)

@@ -282,3 +282,14 @@ def test_a_recording_has_the_margins_of_its_parameters(short_run, tmp_path):
         in said("--controller", "fuzzy_pid", "--params", "profile_paper", "--rate", rate)[0]
     )
     assert "Nyquist" in picture.read_text()
+
+
+def test_a_controller_in_place_of_a_run_and_a_gain_by_its_usual_name_get_the_right_hint(
+    command_says,
+):
+    code, _, err = command_says("margins", "pid")
+    assert (code, err) == (2, "trunk: error: pid is a controller: give --controller pid\n")
+    for setting, meant in (("pid.kp=3", "'gains.p'"), ("pid.gains.Ki=3", "'gains.i'")):
+        code, _, err = command_says("margins", "--set", setting)
+        assert code == 2
+        assert f"did you mean {meant}?" in err

@@ -124,6 +124,8 @@ def test_what_exists_is_replaced_only_by_force(here, told, words):
         (("plot", "a.mcap"), "a.png"),
         (("report", "fig8/run.mcap"), "fig8.html"),
         (("report", "a.mcap", "fig8"), "a.html"),
+        (("simulate", "fig6", "--duration", "0.1"), "fig6_fuzzy_pid.mcap"),
+        (("simulate", "--like", "a.mcap"), "a_again.mcap"),
     ],
     ids=str,
 )

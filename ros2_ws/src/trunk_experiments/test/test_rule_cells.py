@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import pytest
@@ -17,6 +18,7 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.study.bases import make_bases, plan_of
 from trunk_experiments.study.design import design
 from trunk_experiments.study.file import parse_study
+from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError, values_of
 from trunk_msgs_util.parameters.files import ParameterFileError
 
@@ -157,3 +159,18 @@ def test_of_a_large_table_only_what_changed_is_drawn():
 def test_values_that_differ_look_different():
     assert differing_texts((0.1, 0.2)) == ("0.1", "0.2")
     assert differing_texts((0.1, 0.1 + 2**-50)) == ("0.1", repr(0.1 + 2**-50))
+
+
+def test_an_element_of_an_array_is_set_by_its_index():
+    plan = make_plan("demo", "pid", settings=["simulator.initial.position[1]=20deg"])
+    assert plan.simulator.initial_state.theta == pytest.approx(math.radians(20.0), rel=1e-15)
+    both = ["simulator.initial.position=[0.5, 0.1]", "simulator.initial.position[0]=10cm"]
+    assert make_plan("demo", "pid", settings=both).simulator.initial_position == (0.1, 0.1)
+    for setting, says in (
+        ("simulator.initial.position[2]=1", r"has the elements \[0\] to \[1\]"),
+        ("simulator.initial.position[-1]=1", r"has the elements \[0\] to \[1\]"),
+        ("simulator.initial.position[1]=1m", "an angle in rad is needed"),
+        ("simulator.plant.trunk_mass[0]=1", "did you mean 'plant.trunk_mass'"),
+    ):
+        with pytest.raises(TrunkError, match=says):
+            make_plan("demo", "pid", settings=[setting])

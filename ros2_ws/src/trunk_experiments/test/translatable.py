@@ -7,7 +7,8 @@ import math
 from math import inf, nan, sqrt
 from typing import NamedTuple
 
-from trunk_control.api import cos, exp, log, sin
+from trunk_control.api import atan2, cos, exp, log, sin, tanh
+from trunk_control.api import sqrt as root
 
 TABLE = (0.5, -1.25, 3.0, 0.1, 1e-300, 7.0, -0.0)
 WHOLE = (5, -3, 2, 9, 4, 0)
@@ -197,6 +198,10 @@ def elementary(x):
     return sin(x), cos(x), exp(x), log(x), sqrt(x) if x >= 0.0 else nan
 
 
+def more_elementary(x, y):
+    return tanh(x), atan2(x, y), root(x), exp(x)
+
+
 def numbers(x, i):
     small = math.floor(x) if -1e15 < x < 1e15 else 0
     high = math.ceil(x) if -1e15 < x < 1e15 else 0
@@ -287,6 +292,7 @@ CALLS = {
     calls_with_names: (REAL, REAL),
     several_results: (REAL,),
     elementary: (REAL,),
+    more_elementary: (REAL, REAL),
     numbers: (REAL, INT),
     bools: (REAL, REAL, BOOL, BOOL),
     several_targets: (REAL,),

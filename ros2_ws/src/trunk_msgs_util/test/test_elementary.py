@@ -1,15 +1,26 @@
-"""The project's own sine, cosine, exponential and logarithm: within 1 ULP, with the same bits everywhere."""
+"""The project's own elementary functions: within 1 or 2 ULP, with the same bits everywhere."""
 
 from __future__ import annotations
 
 import math
 import random
+from itertools import product
 
 import mpmath
 import pytest
 
 from trunk_msgs_util import elementary
-from trunk_msgs_util.elementary import LARGEST_ANGLE, cos, exp, log, sin, sincos
+from trunk_msgs_util.elementary import (
+    LARGEST_ANGLE,
+    atan2,
+    cos,
+    exp,
+    log,
+    sin,
+    sincos,
+    sqrt,
+    tanh,
+)
 
 POINTS = 4000  # of each sort
 FUNCTIONS = {"sin": sin, "cos": cos, "exp": exp, "log": log}
@@ -62,12 +73,41 @@ def test_the_error_is_below_one_unit_in_the_last_place(name):
         (log, 0.0, "nan"),
         (log, -1.0, "nan"),
         (log, 5e-324, "nan"),
-        *((f, x, "nan") for f in FUNCTIONS.values() for x in (math.inf, -math.inf, math.nan)),
+        *((f, x, "nan") for f in (sin, cos, log) for x in (math.inf, -math.inf, math.nan)),
+        *((f, math.nan, "nan") for f in (exp, tanh, sqrt)),
+        (exp, math.inf, "inf"),
+        (exp, -math.inf, "0.0"),
+        (tanh, math.inf, "1.0"),
+        (tanh, -math.inf, "-1.0"),
+        (tanh, -0.0, "-0.0"),
+        (sqrt, -0.0, "-0.0"),
+        (sqrt, -1e-300, "nan"),
+        (sqrt, math.inf, "inf"),
         *((f, x, "nan") for f in (sin, cos) for x in (LARGEST_ANGLE + 1, -1e300)),
     ],
 )
 def test_ends_signs_and_zeros(function, x, expected):
     assert repr(function(x)) == expected
+
+
+def test_hyperbolic_and_inverse_tangents_are_within_two_units_in_the_last_place():
+    some = random.Random(5)
+    with mpmath.workprec(200):
+        for _ in range(POINTS):
+            x = some.choice((-1, 1)) * 2.0 ** some.uniform(-30, 5)
+            y = some.choice((x * some.uniform(-3, 3), 2.0 ** some.uniform(-40, 40)))
+            for found, true in ((tanh(x), mpmath.tanh(x)), (atan2(y, x), mpmath.atan2(y, x))):
+                assert abs(mpmath.mpf(found) - true) < 2 * math.ulp(float(true)), (y.hex(), x.hex())
+
+
+def test_an_angle_has_the_signs_of_c():
+    odd = (0.0, 1.0, math.inf, 5e-324, 1e308)
+    for y, x in product((*odd, *(-v for v in odd)), repeat=2):
+        found, expected = atan2(y, x), math.atan2(y, x)
+        assert found == pytest.approx(expected, rel=4e-16, abs=0.0)
+        assert math.copysign(1.0, found) == math.copysign(1.0, expected)
+    assert math.isnan(atan2(math.nan, 1.0))
+    assert math.isnan(atan2(1.0, math.nan))
 
 
 @pytest.mark.parametrize("turns", [0.0, 0.25, 1234.75, -3.125, 1e15])

@@ -1,17 +1,20 @@
-"""Sine, cosine, exponential and logarithm that have the same bits on every machine.
+"""Elementary functions that have the same bits on every machine.
 
 IEEE 754 fixes the result of + - * / to the last bit, but not that of sin, exp and log: each libm has its
 own, and glibc picks one by the processor. These functions are made of fixed operations in a stated order
 alone, so that CPython, compiled code, C without contraction (``-ffp-contract=off``) and JavaScript return the
 same bits. Python never contracts; numba does not unless told to.
 
-Methods and coefficients are those of fdlibm (Sun Microsystems, 1993: k_sin.c, k_cos.c, e_exp.c, e_log.c).
+Methods and coefficients are those of fdlibm (Sun Microsystems, 1993: k_sin.c, k_cos.c, e_exp.c, e_log.c,
+s_atan.c, e_atan2.c).
 The largest errors were measured against mpmath; ``test_elementary.py`` repeats this.
 
 Pure: functions of floats, which CPython runs and numba compiles unchanged.
 """
 
 from __future__ import annotations
+
+import math
 
 _NAN = float("nan")
 
@@ -61,6 +64,35 @@ _L6 = 1.531383769920937332e-01
 _L7 = 1.479819860511658591e-01
 _SQRT_HALF = 7.07106781186547524401e-01
 SMALLEST_NORMAL = 2.2250738585072014e-308  # 2**-1022
+# An arctangent's ends of intervals; its value between them, in two parts; the series there.
+_AT_ENDS = (0.4375, 0.6875, 1.1875, 2.4375)
+_AT_HIGH = (
+    4.63647609000806093515e-01,
+    _QUARTER_PI,
+    9.82793723247329054082e-01,
+    1.57079632679489655800e00,
+)
+_AT_LOW = (
+    2.26987774529616870924e-17,
+    3.06161699786838301793e-17,
+    1.39033110312309984516e-17,
+    6.12323399573676603587e-17,
+)
+_AT_ODD = (
+    3.33333333333329318027e-01,
+    1.42857142725034663711e-01,
+    9.09088713343650656196e-02,
+    6.66107313738753120669e-02,
+    4.97687799461593236017e-02,
+    1.62858201153657823623e-02,
+)
+_AT_EVEN = (
+    -1.99999999998764832476e-01,
+    -1.11111104054623557880e-01,
+    -7.69187620504482999495e-02,
+    -5.83357013379057348645e-02,
+    -3.65315727442169155270e-02,
+)
 # 2**p and 2**-p for p = 512, 256, ..., 1.
 _POWERS = (512.0, 256.0, 128.0, 64.0, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0)
 _UP = tuple(float(1 << int(p)) for p in _POWERS)
@@ -132,9 +164,9 @@ def exp(x: float) -> float:
         x = k ln 2 + r,  abs(r) <= ln(2)/2;   exp(x) = 2^k exp(r)
 
     0 below `SMALLEST_EXPONENT`, where the result would be near the smallest numbers; infinity above
-    `LARGEST_EXPONENT`; NaN for infinities and NaN.
+    `LARGEST_EXPONENT`; NaN for NaN.
     """
-    if x != x or x - x != 0.0:
+    if x != x:
         return _NAN
     if x > LARGEST_EXPONENT:
         return float("inf")
@@ -188,3 +220,66 @@ def log(x: float) -> float:
     t2 = z * (_L1 + w * (_L3 + w * (_L5 + w * _L7)))
     half = 0.5 * f * f
     return k * _LN2_HIGH - ((half - (s * (half + (t1 + t2)) + k * _LN2_LOW)) - f)
+
+
+def sqrt(x: float) -> float:
+    """Return the square root, correctly rounded as IEEE 754 has it; NaN for negative numbers and NaN."""
+    return math.sqrt(x) if x >= 0.0 else _NAN
+
+
+def tanh(x: float) -> float:
+    """Return the hyperbolic tangent, within 2 ULP; NaN for NaN.
+
+    ::
+
+        tanh x = x / (1 + x^2 / (3 + x^2 / (5 + ... / 15))),  abs(x) < 0.55
+               = 1 - 2 / (exp(2 x) + 1),                      x >= 0.55
+    """
+    if -0.55 < x < 0.55:
+        q = x * x
+        below = 15.0
+        for n in (13.0, 11.0, 9.0, 7.0, 5.0, 3.0, 1.0):
+            below = n + q / below
+        return x / below
+    value = 1.0 - 2.0 / (exp(2.0 * abs(x)) + 1.0)
+    return value if x > 0.0 else -value
+
+
+def _atan(x: float) -> float:
+    """Return the arctangent of a number that is not negative, rad."""
+    if x < 1e-9:
+        return x
+    if x < _AT_ENDS[0]:
+        high, low, t = 0.0, 0.0, x
+    elif x < _AT_ENDS[1]:
+        high, low, t = _AT_HIGH[0], _AT_LOW[0], (2.0 * x - 1.0) / (2.0 + x)
+    elif x < _AT_ENDS[2]:
+        high, low, t = _AT_HIGH[1], _AT_LOW[1], (x - 1.0) / (x + 1.0)
+    elif x < _AT_ENDS[3]:
+        high, low, t = _AT_HIGH[2], _AT_LOW[2], (x - 1.5) / (1.0 + 1.5 * x)
+    else:
+        high, low, t = _AT_HIGH[3], _AT_LOW[3], -1.0 / x
+    z = t * t
+    w = z * z
+    a, b, c, d, e, f = _AT_ODD
+    odd = z * (a + w * (b + w * (c + w * (d + w * (e + w * f)))))
+    a, b, c, d, e = _AT_EVEN
+    even = w * (a + w * (b + w * (c + w * (d + w * e))))
+    return high - ((t * (odd + even) - low) - t)
+
+
+def atan2(y: float, x: float) -> float:
+    """Return the angle of the point (x, y) in rad, -pi to pi, within 2 ULP; zeros and infinities as in C."""
+    if x != x or y != y:
+        return _NAN
+    if x == 0.0 != y:
+        return math.copysign(2.0 * _QUARTER_PI, y)
+    if y == 0.0:
+        angle = 0.0
+    elif x - x != 0.0 and y - y != 0.0:
+        angle = _QUARTER_PI
+    else:
+        angle = _atan(abs(y / x))
+    if math.copysign(1.0, x) < 0.0:
+        angle = 4.0 * _QUARTER_PI - (angle - 2.0 * _AT_LOW[3])
+    return math.copysign(angle, y)

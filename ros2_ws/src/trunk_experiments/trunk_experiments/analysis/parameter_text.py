@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from trunk_control.rule_tables import Axes, CellChange, axes_of, cell_changes, is_table
 
-_LONGEST = 20  # values of an array that are listed
+_WIDEST = 40  # characters of an array whose values are all listed
 _CELLS = 8  # changed cells that are named
 _NAMES = 8  # changed parameters that are named
 _GRID = 14  # rows and columns of a grid; of a larger table those with changes, as many
@@ -17,8 +17,10 @@ def value_text(value: object) -> str:
     if is_table(value) and isinstance(value, tuple | list):
         return f"{len(value)} × {len(value[0].split())} cells"
     if isinstance(value, tuple | list):
-        more = f", … ({len(value)} in all)" if len(value) > _LONGEST else ""
-        return "[" + ", ".join(value_text(item) for item in value[:_LONGEST]) + more + "]"
+        texts = [value_text(item) for item in value]
+        if len(", ".join(texts)) <= _WIDEST or len(texts) < 4:
+            return f"[{', '.join(texts)}]"
+        return f"[{', '.join(texts[:2])}, …, {texts[-1]}] ({len(texts)} in all)"
     if isinstance(value, float):
         return f"{value:.6g}"
     return "–" if value is None else str(value)
@@ -40,8 +42,14 @@ def differing_texts(values: Sequence[object], axes: Axes | None = None) -> tuple
     if axes is not None and is_table(first):
         return (value_text(first), *(_against(first, value, axes) for value in values[1:]))
     texts = tuple(map(value_text, values))
-    distinct = len(set(texts)) == len(set(map(repr, values)))
-    return texts if distinct else tuple(map(full_text, values))
+    if len(set(texts)) == len(set(map(repr, values))):
+        return texts
+    if (
+        isinstance(first, tuple | list)
+        and len({len(v) for v in values if isinstance(v, tuple | list)}) == 1
+    ):
+        return (value_text(first), *(_elements(first, value) for value in values[1:]))
+    return tuple(map(full_text, values))
 
 
 def cells_text(changes: Sequence[CellChange], axes: Axes) -> str:
@@ -103,6 +111,19 @@ def change_grid(before: Sequence[str], after: Sequence[str], axes: Axes) -> list
     columns = _places(len(axes.rate), {change.column for change in changes})
     grid = [["e \\ e_dot", *(axes.rate[j] for j in columns)]]
     return grid + [[axes.error[i], *(texts[i][j] for j in columns)] for i in rows]
+
+
+def _elements(first: Sequence[object], value: object) -> str:
+    """Return the elements that differ from those of the first array, by their indices."""
+    if not isinstance(value, tuple | list):
+        return value_text(value)
+    differ = [
+        f"[{k}] {full_text(a)} → {full_text(b)}"
+        for k, (a, b) in enumerate(zip(first, value, strict=True))
+        if repr(a) != repr(b)
+    ]
+    more = [f"… and {len(differ) - 1} more"] if len(differ) > 1 else []
+    return ", ".join([*differ[:1], *more]) or "the same"
 
 
 def _places(count: int, changed: Iterable[int]) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import isfinite
+from math import degrees, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,8 @@ from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import (
     UnitError,
     declarations,
+    index_in,
+    table_of,
     values_of,
 )
 from trunk_msgs_util.parameters.to_si import number_in, units_of
@@ -188,12 +190,17 @@ def _range(
         if node == "disturbance":
             reason = "nothing disturbs at either end: set the others, such as pulse.start_times"
         raise PlanError(f"--vary {vary}: {reason}")
-    declared, values = declarations(type(config))[name], values_of(config)
-    if declared.kind != "double":
+    known, values = declarations(type(config)), values_of(config)
+    declared, index = known[table_of(name, known) or name], 0
+    if declared.kind == "double array" and name.endswith("]"):
+        index = index_in(name, low, values[declared.name])  # type: ignore[arg-type]
+    elif declared.kind != "double":
         raise PlanError(
-            f"--vary {vary}: it is of the type {declared.kind}: give a single real number"
+            f"--vary {vary}: it is of the type {declared.kind}: give a single real number, such as "
+            f"{vary}[0] of an array"
         )
-    return _numbers(low, high, units_of(declared, values)[0][0])
+    units = units_of(declared, values)
+    return _numbers(low, high, units[min(index, len(units) - 1)][0])
 
 
 def _numbers(low: str, high: str, unit: str) -> tuple[tuple[float, float], str]:
@@ -253,19 +260,26 @@ def _record(make: PlanOf, name: str, limit: Bracket, files: list[Path], force: b
 
 def _show(limits: dict[str, Bracket], vary: str, unit: str, bounds: tuple[float, float]) -> None:
     rows = []
+    unit, scale = _shown(unit)
     for name, limit in limits.items():
         if limit.stands_again:
-            again = ", ".join(f"{value:g}" for value in limit.stands_again[:5])
+            again = ", ".join(f"{scale * value:g}" for value in limit.stands_again[:5])
             show_warnings([f"{name}: beyond the first fall it stands again at {again} {unit}"])
-        sides = limit.stands, limit.falls
-        written = (["none" if x is None else f"{x:.{n}g}" for x in sides] for n in range(5, 18))
-        rows.append((name, *next(pair for pair in written if pair[0] != pair[1]), str(limit.runs)))
+        sides = [None if side is None else scale * side for side in (limit.stands, limit.falls)]
+        written = [["none" if x is None else f"{x:.{n}g}" for x in sides] for n in range(5, 18)]
+        differ = next((pair for pair in written if pair[0] != pair[1]), written[-1])
+        rows.append((name, *differ, str(limit.runs)))
     low, high = bounds
     print_table(
-        f"{vary} from {low:.10g} to {high:.10g} {unit}",
+        f"{vary} from {scale * low:.10g} to {scale * high:.10g} {unit}".replace(" °", "°"),
         ("controller", f"stands, {unit}", f"falls, {unit}", "runs"),
         rows,
     )
+
+
+def _shown(unit: str) -> tuple[str, float]:
+    """Return the unit that a person reads, and what numbers are multiplied by: angles are in degrees."""
+    return ("°", degrees(1.0)) if unit == "rad" else (unit, 1.0)
 
 
 def _study(
@@ -300,7 +314,9 @@ def _study(
             done += runs
             show_done(done, total)
 
-        curves = survival(study, Target(node, parameter), values, progress)
+        array, _, index = parameter.removesuffix("]").partition("[")
+        target = Target(node, array, int(index) if index else None)
+        curves = survival(study, target, values, progress)
     if output is not None:
         from ..study.curves import draw_survival
         from ..views.plot_style import save, with_unit
@@ -319,17 +335,18 @@ def _study(
             },
         )
         return
+    unit, scale = _shown(unit)
     print_table(
         f"runs of {name} that stand, % (95 %: Wilson)",
         (f"{vary}, {unit}", *curves),
         [
-            (f"{value:.4g}", *(_share(curve, k) for curve in curves.values()))
+            (f"{scale * value:.4g}", *(_share(curve, k) for curve in curves.values()))
             for k, value in enumerate(values)
         ],
     )
     for controller, curve in curves.items():
         half = curve.half()
-        at = "not reached" if half is None else f"{half:.4g} {unit}"
+        at = "not reached" if half is None else f"{scale * half:.4g} {unit}"
         click.echo(f"half of them fall, {controller}: {at}")
     click.echo("\n".join(condition_lines(conditions)))
     if output is not None:

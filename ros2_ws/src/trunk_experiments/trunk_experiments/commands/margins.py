@@ -14,6 +14,7 @@ from ..console.plan_options import ControllerName, loop_options, loop_plan
 from ..console.tables import print_table
 from ..console.terminal import show_warnings
 from ..errors import PlanError
+from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan
 
 if TYPE_CHECKING:
@@ -46,6 +47,8 @@ def command(
     """
     from ..tuning.margins import plan_margins
 
+    if str(run) in CONTROLLERS and not Path(str(run)).exists():
+        raise PlanError(f"{run} is a controller: give --controller {run}")
     if output is not None:
         from ..views.plot_style import SUFFIXES
 

@@ -15,7 +15,7 @@ from trunk_msgs_util.recording.topic import RecordingError
 from trunk_sim.simulation import DivergedError
 
 from ..console.document import json_option, write_json
-from ..console.outputs import check_output, output_options
+from ..console.outputs import check_output, default_name, output_options
 from ..console.plan_options import (
     files_read,
     markers_option,
@@ -37,7 +37,7 @@ _LONG = 100_000  # states, which take seconds
 @click.command("simulate")
 @partial(plan_options, required=False)
 @push_option
-@output_options("The MCAP file to write.", required=True)
+@output_options("The MCAP file to write.  [default: SCENARIO_CONTROLLER.mcap]")
 @markers_option
 @click.option(
     "--like",
@@ -47,7 +47,7 @@ _LONG = 100_000  # states, which take seconds
 )
 @json_option("simulate-1")
 def command(
-    output: Path,
+    output: Path | None,
     force: bool,
     like: Path | None,
     markers: bool,
@@ -63,9 +63,12 @@ def command(
     if like is not None:
         _check_alone(click.get_current_context())
     inputs: list[str | Path] = [*files_read(options)]
-    check_output(output, (".mcap",), force, inputs if like is None else [*inputs, like])
     if like is None and options["scenario"] is None:
         raise PlanError("give a SCENARIO, or --like RUN.mcap")
+    if output is None:
+        of = f"{Path(options['scenario'] or '').stem}_{options['controller']}"
+        output = Path(f"{of}.mcap") if like is None else default_name(like, "_again.mcap")
+    check_output(output, (".mcap",), force, inputs if like is None else [*inputs, like])
     try:
         if like is None:
             plan = plan_of(**options, extra={"markers": True} if markers else {})

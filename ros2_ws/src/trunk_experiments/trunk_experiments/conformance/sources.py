@@ -26,7 +26,9 @@ _BUILTINS = {
     *("tuple", "zip", "isinstance", "all", "any", "True", "False", "None"),
 }
 _OURS = ("trunk_control.", "trunk_msgs_util.")
-_PORTABLE = "use sin, cos, exp, log of trunk_control.api: the same bits on every machine"
+_PORTABLE = (
+    "use sin, cos, atan2, exp, log, tanh, sqrt of trunk_control.api: the same bits on every machine"
+)
 
 
 def functions_of(law: Law) -> list[FunctionType]:

@@ -121,7 +121,15 @@ def condition_lines(conditions: Mapping[str, Any]) -> list[str]:
     lines = []
     if conditions["pulses"]:
         channel, starts, lasting, value = conditions["pulses"].values()
-        of = "" if value is None else f"{value:.4g} {UNITS.get(channel, '')} "
+        unit = UNITS.get(channel, "")
+        size = (
+            ""
+            if value is None
+            else f"{degrees(value):.4g}°"
+            if unit == "rad"
+            else f"{value:.4g} {unit}"
+        )
+        of = f"{size} " if size else ""
         at = "varied" if starts is None else ", ".join(f"{start:g}" for start in starts[:_FEW])
         more = " …" if len(starts or ()) > _FEW else ""
         each = "varied" if lasting is None else f"{lasting:g} s"

@@ -210,8 +210,12 @@ def unknown_name(name: str, known: Iterable[str]) -> str:
     known = list(known)
     if name.startswith("rules.") and name.rpartition(".")[0] in known:
         return f"no such parameter; a cell of a table has a column too: {name}.COLUMN"
-    close = get_close_matches(name, known, n=1)
-    advice = f"did you mean {close[0]!r}?" if close else "trunk params lists them all"
+    gain = re.fullmatch(r"(?:gains\.)?k([pid])", name, re.IGNORECASE)
+    close = [one for one in known if gain and one.startswith(f"gains.{gain[1].lower()}")][:2]
+    close = close or get_close_matches(name, known, n=1)
+    advice = (
+        f"did you mean {' or '.join(map(repr, close))}?" if close else "trunk params lists them all"
+    )
     return f"no such parameter; {advice}"
 
 
@@ -235,15 +239,30 @@ def build(config: type[Config], values: Mapping[str, object]) -> Config:
 
 
 def table_of(name: str, declared: Container[str]) -> str:
-    """Return the declared parameter of which ``name``, TABLE.ROW.COLUMN, may be a cell; empty: of none."""
+    """Return the declared parameter of which ``name`` may be a part; empty: of none.
+
+    A part is a cell, TABLE.ROW.COLUMN, or an element, ARRAY[INDEX].
+    """
     table = name.rsplit(".", 2)[0] if name.count(".") > 2 else ""
+    if name.endswith("]"):
+        table = name.partition("[")[0]
     return table if name not in declared and table in declared else ""
+
+
+def index_in(name: str, value: object, array: Sequence[object]) -> int:
+    """Return the index in ARRAY[INDEX], an element's name. Raises ParameterError if it is not there."""
+    whole, _, text = name.removesuffix("]").partition("[")
+    if not text.isdecimal() or int(text) >= len(array):
+        raise ParameterError(name, value, f"{whole} has the elements [0] to [{len(array) - 1}]")
+    return int(text)
 
 
 def with_cells(
     config: type[Any], values: Mapping[str, object], present: Mapping[str, Value] | None = None
 ) -> Mapping[str, object]:
-    """Return values in which each cell of a table, ``rules.kd.ZO.PS``, is changed in the table itself.
+    """Return values in which each part of a parameter is changed in the parameter itself.
+
+    A part is a cell of a table, ``rules.kd.ZO.PS``, or an element of an array, ``initial.position[1]``.
 
     ``config``: its ``table_labels`` gives the labels of a table's rows and columns from the values of all
     parameters. ``present``: the values to which ``values`` are changes; None: the defaults. Raises
@@ -253,15 +272,22 @@ def with_cells(
     cells = {
         name: table
         for name in values
-        if (table := table_of(name, declared)) and declared[table].table
+        if (table := table_of(name, declared))
+        and (declared[table].table or (name.endswith("]") and "array" in declared[table].kind))
     }
     if not cells:
         return values
     whole = {name: value for name, value in values.items() if name not in cells}
     usual = {name: declaration.default for name, declaration in declared.items()}
     complete = {**usual, **(present or {}), **whole}
-    labels: tuple[Sequence[str], Sequence[str]] = config.table_labels(complete)
     for name, table in cells.items():
+        present_one: Any = check(declared[table], whole.get(table, complete[table]))
+        if name.endswith("]"):
+            elements = list(present_one)
+            elements[index_in(name, values[name], elements)] = values[name]
+            whole[table] = tuple(elements)
+            continue
+        labels: tuple[Sequence[str], Sequence[str]] = config.table_labels(complete)
         places = []
         for label, known, axis in zip(name.split(".")[-2:], labels, ("row", "column"), strict=True):
             if label not in known:
@@ -277,8 +303,7 @@ def with_cells(
             or len(text.split()) != 1
         ):
             raise ParameterError(name, value, "a label, or a number")
-        whole_table: Any = check(declared[table], whole.get(table, complete[table]))
-        rows = list(whole_table)
+        rows = list(present_one)
         row = rows[places[0]].split() if places[0] < len(rows) else []
         if places[1] < len(row):  # a table of another size is refused as a whole
             row[places[1]] = text

@@ -27,12 +27,15 @@ def to_si(
         return dict(values)
     defaults = {name: declaration.default for name, declaration in declared.items()}
     complete = {**defaults, **(present or {}), **values}
-    return {
-        name: _converted(declared[name], value, units_of(declared[name], complete))
-        if name in written
-        else value
-        for name, value in values.items()
-    }
+    found = dict(values)
+    for name in written:
+        declaration = declared[_whole(name)]
+        units = units_of(declaration, complete)
+        index = name.removesuffix("]").partition("[")[2]
+        if index.isdecimal():
+            units = (units[min(int(index), len(units) - 1)],)
+        found[name] = _converted(declaration, values[name], units)
+    return found
 
 
 def written_with_units(
@@ -42,15 +45,22 @@ def written_with_units(
     return {
         name
         for name, value in values.items()
-        if name in declared and any(map(_is_quantity, _numbers_in(declared[name], value)))
+        if _whole(name) in declared
+        and any(map(_is_quantity, _numbers_in(declared[_whole(name)], name, value)))
     }
 
 
-def _numbers_in(declaration: Declaration, value: object) -> Sequence[object]:
+def _whole(name: str) -> str:
+    """Return the parameter itself where an element is named, ARRAY[INDEX]."""
+    return name.partition("[")[0] if name.endswith("]") else name
+
+
+def _numbers_in(declaration: Declaration, name: str, value: object) -> Sequence[object]:
     """Return the items that may be numbers with a unit: integers have none, texts are texts."""
     if declaration.kind == "double array" and isinstance(value, list | tuple):
         return value
-    return (value,) if declaration.kind == "double" else ()
+    element = declaration.kind == "double array" and name.endswith("]")
+    return (value,) if declaration.kind == "double" or element else ()
 
 
 def _is_quantity(item: object) -> bool:
