@@ -193,7 +193,7 @@ class Graph:
 
 
 def _terms(config: ControllerConfig) -> dict[str, str]:
-    """Return what a law tells, with units."""
+    """Return a law's terms with their units."""
     law = law_of(config)
     return {name: {"unsaturated": "N m", **law.units}.get(name, "") for name in law.terms._fields}
 

@@ -174,13 +174,13 @@ class RuleEngine:
             where = int(np.argmax(missing))
             at = ", ".join(f"{name} = {values[where]:.6g}" for name, values in points.items())
             held = sorted(self._held.intersection(outputs))
-            what = (
+            remedy = (
                 f"{held[0]} keeps its last value there (lock-previous, NC), and a table has none: "
                 "cover it by a rule, or give a default instead"
                 if held
                 else "cover it by a rule, or give a default"
             )
-            raise self._wrong(f"no rule fires at {at}: {what}")
+            raise self._wrong(f"no rule fires at {at}: {remedy}")
         return result
 
     def check_centroids(
@@ -226,7 +226,7 @@ class RuleEngine:
         low, high = variable.range
         x = np.linspace(low, high, variable.defuzzifier.resolution)
         counts = {term.name: int(np.count_nonzero(term.membership(x))) for term in variable.terms}
-        term = min(counts, key=lambda one: counts[one])
+        term = min(counts, key=counts.__getitem__)
         return term, counts[term]
 
     def silent_terms(self) -> list[str]:

@@ -162,7 +162,9 @@ def _growths(plans: list[RunPlan], progress: Progress) -> list[float]:
             loops.setdefault(pickle.dumps(prepared(plan)), []).append(k)
     growths = [nan] * len(plans)
     alike = list(loops.values())
-    for done, (k, growth) in enumerate(_numbered_growths([plans[some[0]] for some in alike]), 1):
+    for done, (k, growth) in enumerate(
+        _numbered_growths([plans[places[0]] for places in alike]), 1
+    ):
         for place in alike[k]:
             growths[place] = growth
         progress(done, len(alike))

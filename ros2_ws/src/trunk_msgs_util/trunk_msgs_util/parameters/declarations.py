@@ -211,7 +211,7 @@ def unknown_name(name: str, known: Iterable[str]) -> str:
     if name.startswith("rules.") and name.rpartition(".")[0] in known:
         return f"no such parameter; a cell of a table has a column too: {name}.COLUMN"
     gain = re.fullmatch(r"(?:gains\.)?k([pid])", name, re.IGNORECASE)
-    close = [one for one in known if gain and one.startswith(f"gains.{gain[1].lower()}")][:2]
+    close = [meant for meant in known if gain and meant.startswith(f"gains.{gain[1].lower()}")][:2]
     close = close or get_close_matches(name, known, n=1)
     advice = (
         f"did you mean {' or '.join(map(repr, close))}?" if close else "trunk params lists them all"
@@ -281,9 +281,9 @@ def with_cells(
     usual = {name: declaration.default for name, declaration in declared.items()}
     complete = {**usual, **(present or {}), **whole}
     for name, table in cells.items():
-        present_one: Any = check(declared[table], whole.get(table, complete[table]))
+        whole_value: Any = check(declared[table], whole.get(table, complete[table]))
         if name.endswith("]"):
-            elements = list(present_one)
+            elements = list(whole_value)
             elements[index_in(name, values[name], elements)] = values[name]
             whole[table] = tuple(elements)
             continue
@@ -303,7 +303,7 @@ def with_cells(
             or len(text.split()) != 1
         ):
             raise ParameterError(name, value, "a label, or a number")
-        rows = list(present_one)
+        rows = list(whole_value)
         row = rows[places[0]].split() if places[0] < len(rows) else []
         if places[1] < len(row):  # a table of another size is refused as a whole
             row[places[1]] = text

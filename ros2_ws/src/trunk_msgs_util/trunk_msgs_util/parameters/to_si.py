@@ -27,15 +27,15 @@ def to_si(
         return dict(values)
     defaults = {name: declaration.default for name, declaration in declared.items()}
     complete = {**defaults, **(present or {}), **values}
-    found = dict(values)
+    converted = dict(values)
     for name in written:
         declaration = declared[_whole(name)]
         units = units_of(declaration, complete)
         index = name.removesuffix("]").partition("[")[2]
         if index.isdecimal():
             units = (units[min(int(index), len(units) - 1)],)
-        found[name] = _converted(declaration, values[name], units)
-    return found
+        converted[name] = _converted(declaration, values[name], units)
+    return converted
 
 
 def written_with_units(
