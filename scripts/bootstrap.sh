@@ -152,6 +152,8 @@ build() {
     local held=''
     if env --block-signal=INT,TERM true 2>/dev/null; then held='env --block-signal=INT,TERM '; fi
     for script in ros2_ws/install/*/lib/trunk_*/*; do
+        grep -qs "^${script##*/} = " "ros2_ws/build/$(basename "${script%/*}")"/*.egg-info/entry_points.txt ||
+            { rm "$script"; continue; } # of an earlier build
         text=$(launcher "$(basename "$(dirname "$script")")" "$(basename "$script")")
         printf '%s\n' "$text" >"$script"
     done

@@ -25,9 +25,10 @@ import click
 from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClosedError, websocket_connect
 
-from trunk_experiments.bench.live import readers
-from trunk_experiments.bench.realtime import LATENCY, begin, graph_of, timing
-from trunk_experiments.bench.usage import resident_bytes
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.nodes import LATENCY, begin, graph_of, readers, resident_bytes, timing
+
 from trunk_experiments.console.tables import print_table
 from trunk_experiments.gateway.process import LOOPBACK, GatewayProcess
 from trunk_experiments.gateway.protocol import NAME

@@ -24,7 +24,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from trunk_experiments.bench.soak import (
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.nodes import resident_bytes
+from benchmarks.soak import (
     IDLE,
     LATE,
     MAX_GROWTH,
@@ -37,7 +40,7 @@ from trunk_experiments.bench.soak import (
     settled_at,
     steps_of,
 )
-from trunk_experiments.bench.usage import resident_bytes
+
 from trunk_experiments.console.tables import print_table
 from trunk_experiments.errors import RunError
 from trunk_experiments.plans.nodes import NODES

@@ -95,7 +95,12 @@ def test_the_test_sees_an_import():
 @pytest.mark.slow
 def test_what_rosdep_does_not_know_is_locked_and_used():
     used = set().union(*(imported(p, p.name, "launch", "test") for p in PACKAGES))
-    used |= modules((ROOT / "conftest.py").read_text(encoding="utf-8"))
+    for file in (
+        ROOT / "conftest.py",
+        *ROOT.glob("benchmarks/*.py"),
+        *ROOT.glob("tests/benchmarks/*.py"),
+    ):
+        used |= modules(file.read_text(encoding="utf-8"))
     for module, name in LIST_OF.items():
         lock = (ROOT / "requirements" / f"{name}.txt").read_text(encoding="utf-8")
         assert f"\n{DISTRIBUTIONS.get(module, module)}==" in f"\n{lock}"

@@ -151,7 +151,6 @@ def test_the_wheels_alone_simulate_and_verify(trunk):
     "words",
     [
         ("run", "fig6", "--controller", "pid", "--output", "run"),
-        ("bench", "realtime"),
         ("live", "--attach", "/", "--no-browser"),
         ("paper", "--graph", "--output", "paper"),
     ],

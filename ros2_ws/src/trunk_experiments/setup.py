@@ -21,7 +21,6 @@ setup(
     package_data={
         name: [
             "py.typed",
-            "bench/*.c",
             "config/*.yaml",
             "export_c/templates/*.in",
             "export_c/templates/*/*.in",
@@ -78,7 +77,6 @@ setup(
         "pyarrow>=15",
         "PyYAML>=6.0,<7",
         "rich>=13,<16",
-        "rosbags>=0.10,<1",
         "scipy>=1.11,<2",
         "sympy>=1.12,<2",
         "tornado>=6.4,<7",
@@ -95,7 +93,7 @@ setup(
     entry_points={
         "console_scripts": [
             f"{script} = trunk_experiments.executables:{script}"
-            for script in (["trunk"] if wheel else ["bare_pair", "composed", "markers", "trunk"])
+            for script in (["trunk"] if wheel else ["composed", "markers", "trunk"])
         ],
     },
 )

@@ -20,9 +20,7 @@ from .documents import SHARED, VERBS, checked, documents_of, jsonschema, strict,
 
 def test_every_verb_has_the_option():
     assert {words for words, verb in VERBS.items() if len(documents_of(verb)) != 1} == set()
-    assert {("run",), ("list", "runs"), ("tune", "lqr"), ("bench", "core"), ("params",)} <= set(
-        VERBS
-    )
+    assert {("run",), ("list", "runs"), ("tune", "lqr"), ("params",)} <= set(VERBS)
 
 
 @pytest.mark.parametrize("name", sorted(schemas()))

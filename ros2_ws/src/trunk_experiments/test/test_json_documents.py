@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from math import inf, nan
+from math import inf
 
 import pytest
 
 from trunk_experiments.analysis.metrics import RunMetrics
-from trunk_experiments.bench import core, gym, lockstep, rates, realtime, sweep
 from trunk_experiments.console.document import schemas
 from trunk_experiments.lab.wasm import missing_tools
 from trunk_experiments.paper import report, reproduction
@@ -110,28 +109,12 @@ CASES = [
     Case("margins-1", "margins b.mcap -o loop.png"),
     Case("fit-path-1", "fit path gait.csv --harmonics 2 -o gait.yaml"),
     Case("paper-1", "paper -o paper"),
-    Case("bench-1", "bench read a.mcap --rounds 1", code=None),
-    Case("bench-1", "bench core"),
-    Case("bench-1", "bench sweep"),
-    Case("bench-1", "bench export --rounds 1", code=None),
-    Case("bench-1", "bench gym"),
-    Case("bench-1", "bench lockstep"),
-    Case("bench-1", "bench realtime"),
 ]
 
 
 @pytest.fixture
 def short(monkeypatch):
-    """Make benchmarks and the paper as short as possible: each has its own tests."""
-    row = core.BenchRow("x", 1e-6, inf, nan, "", None)
-    monkeypatch.setattr(core, "bench_core", lambda rounds: [row])
-    side = rates.RateRow("x", 2.0, 1.0, 2.0, ">= 1", True)
-    monkeypatch.setattr(gym, "bench_gym", lambda rounds, envs: [side])
-    monkeypatch.setattr(sweep, "bench_sweep", lambda rounds: [row])
-    pace = lockstep.LockstepRow("x", 1e3, 0.5, "y", ">= 0.3", True)
-    monkeypatch.setattr(lockstep, "bench_lockstep", lambda rounds, steps: [pace])
-    jitter = realtime.RealtimeRow("x", "jitter", 1e-3, "s", None, "", None)
-    monkeypatch.setattr(realtime, "bench_realtime", lambda rate, seconds, rounds: [jitter])
+    """Make the paper as short as possible: it has its own tests."""
     monkeypatch.setattr(report, "_figure", lambda figure, folder: "data:image/png;base64,AA")
     monkeypatch.setattr(reproduction, "reproduce", lambda folder, graph, say: reproduced())
 

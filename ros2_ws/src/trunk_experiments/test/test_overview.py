@@ -23,9 +23,9 @@ def test_the_first_screen_has_each_family_and_fits_80_columns(command_says):
         ["run", "look", "trust", "many runs", "tools"]
     )
     shown = {line[11:21].strip() for line in lines[4:-2]}
-    assert shown == set(OVERVIEW) - {"bench", "fit"}
+    assert shown == set(OVERVIEW) - {"fit"}
     assert len(lines) == len(shown) + 6  # a line for each verb, no space between families
-    assert lines[-1].endswith("For fit and bench, too: trunk help --all.")
+    assert lines[-1].endswith("For fit, too: trunk help --all.")
 
 
 def test_all_verbs_are_listed_on_demand(command_says):

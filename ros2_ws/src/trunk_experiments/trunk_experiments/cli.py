@@ -71,7 +71,6 @@ _FAMILIES = {
 # Seldom needed: not on the first screen.
 _MORE = {
     "fit": "Compute parameters from measurements: the hip's path.",
-    "bench": "Measure speed as ratios, both sides in the same run.",
 }
 OVERVIEW = {verb: line for verbs in (*_FAMILIES.values(), _MORE) for verb, line in verbs.items()}
 # Names that the previous release had. They do the same, and say the new name.

@@ -58,10 +58,6 @@ class LibraryError(TrunkError):
     """A library that this needs is not installed: which one, and how to install it."""
 
 
-class BenchError(TrunkError):
-    """A library is missing, or its results differ from ours."""
-
-
 class RunError(TrunkError):
     """A run that did not end as it should: which part of it, and why."""
 
@@ -70,10 +66,6 @@ class RunError(TrunkError):
 
 class SweepError(RunError):
     """A sweep that went wrong while it ran."""
-
-
-class BenchRunError(RunError):
-    """A process of a benchmark that failed."""
 
 
 class LiveParametersError(TrunkError):

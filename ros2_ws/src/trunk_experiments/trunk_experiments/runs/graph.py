@@ -23,7 +23,7 @@ from .external import note_of
 from .files import RunFiles
 from .guardian import Guardian
 from .interrupt import Interrupt
-from .processes import NodeProcess
+from .processes import NodeProcess, find_executable
 from .stopping import ALL_S, stop
 
 if TYPE_CHECKING:
@@ -73,10 +73,11 @@ def run_graph(
     guardian = Guardian()
     try:
         for process in [COMPOSED] if composed else order or names:
+            package = "trunk_experiments" if composed else NODES[process].package
+            command = [str(find_executable(package, process)), *(names if composed else [])]
             running[process] = NodeProcess.start(
                 process,
-                "trunk_experiments" if composed else NODES[process].package,
-                names if composed else [],
+                command,
                 files.parameters,
                 files.log(process),
                 partial(guardian.watch_me, last=process in _LAST),

@@ -78,27 +78,20 @@ class NodeProcess:
     def start(
         cls,
         name: str,
-        package: str,
-        arguments: Sequence[str],
+        command: Sequence[str],
         parameters: Path,
         log: Path,
         enlist: Callable[[], None] = lambda: None,
     ) -> NodeProcess:
-        """Start the executable ``name``; stdout and stderr go to ``log``.
+        """Start a node by a command; stdout and stderr go to ``log``.
 
         ``enlist`` is called in the new process before it becomes the executable.
         """
-        command = [
-            str(find_executable(package, name)),
-            *arguments,
-            "--ros-args",
-            "--params-file",
-            str(parameters),
-        ]
+        words = [*command, "--ros-args", "--params-file", str(parameters)]
         with log.open("wb") as stream:
             output = log.open("rb")
             process = subprocess.Popen(
-                command,
+                words,
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
                 stderr=subprocess.STDOUT,

@@ -1,8 +1,8 @@
-"""Compiled closed-loop runs against MuJoCo and scikit-fuzzy in Python loops; how lanes, runs and cores scale.
+"""Compiled closed-loop runs against MuJoCo and scikit-fuzzy in Python loops.
 
-Times depend on the machine, so we compare ratios of times that are taken alternately: processor time for
-one process, wall time for two. The libraries are optional and imported only here. MuJoCo must first give our
-motion on a flat path; scikit-fuzzy defuzzifies differently, so only the ranges of its gains are checked.
+Times depend on the machine, so we compare ratios of processor times that are taken alternately. The
+libraries are optional and imported only here. MuJoCo must first give our motion on a flat path;
+scikit-fuzzy defuzzifies differently, so only the ranges of its gains are checked.
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ import numpy as np
 from trunk_control.fuzzy_pid import FuzzyPidConfig, fuzzy_pid_update
 from trunk_control.law import Sample
 from trunk_control.pid_family import PidState
+from trunk_experiments.batch.block import summaries
+from trunk_experiments.batch.compiled_run import Batch
+from trunk_experiments.plans.plan import RunPlan
 
-from ..batch.block import summaries
-from ..batch.compiled_run import Batch
-from ..errors import BenchError
-from ..plans.plan import RunPlan
-from .core import BenchRow, library
-from .lanes import FEW, bench_lanes, bench_plan, timed, varied
+from .harness import BenchError, Row, library, timed
+from .lanes import FEW, bench_plan, varied
 
 MUJOCO_GOAL = 250.0
 SCIKIT_GOAL = 10_000.0
@@ -56,10 +55,8 @@ MJCF = """
 """
 
 
-def bench_sweep(rounds: int = 3) -> list[BenchRow]:
-    """Return the comparisons. Raises BenchError if a library is missing or its results differ from ours."""
-    if rounds < 1:
-        raise ValueError(f"rounds must be 1 or greater, not {rounds!r}")
+def compare(rounds: int = 3) -> list[Row]:
+    """Compare compiled closed-loop runs with MuJoCo's and scikit-fuzzy's in Python loops."""
     mujoco = library("mujoco", "MuJoCo", "--no-deps -r requirements/bench.txt")
     library("skfuzzy", *_SCIKIT)
     check_mujoco(mujoco)
@@ -85,8 +82,8 @@ def bench_sweep(rounds: int = 3) -> list[BenchRow]:
         (f"{run}: scikit-fuzzy's time, {scaled} / ours", "scikit", SCIKIT_GOAL),
     )
     return [
-        *(BenchRow.speedup(name, times["ours"], times[side], goal) for name, side, goal in rows),
-        *bench_lanes(rounds),
+        Row.of(name, times["ours"], times[side], "ms", at_least=goal, inverse=True)
+        for name, side, goal in rows
     ]
 
 
@@ -124,7 +121,7 @@ def mujoco_run(mujoco: Any, plan: RunPlan, integrator: str, steps: int) -> float
 
 def _scikit_loop(plan: RunPlan) -> Callable[[], None]:
     """Return a loop of `_SCIKIT_STEPS` samples whose gains scikit-fuzzy infers, plant in Python."""
-    from ..runs.steps import steps
+    from trunk_experiments.runs.steps import steps
 
     config = plan.controller
     if not isinstance(config, FuzzyPidConfig):

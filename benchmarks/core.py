@@ -7,11 +7,8 @@ The libraries are optional (pyfuzzylite is GPL-3.0); each must first give our re
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from importlib import import_module
+from collections.abc import Callable, Mapping
 from random import Random
-from statistics import median
 from time import perf_counter
 from typing import Any
 
@@ -22,9 +19,9 @@ from trunk_control.limits import DERIVATIVE_ON_MEASUREMENT, Limits
 from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState
 from trunk_control.rule_tables import MOST
+from trunk_experiments.rulebase.exporting import written
 
-from ..errors import BenchError
-from ..rulebase.exporting import written
+from .harness import BenchError, Row, library
 
 FUZZY_GOAL = 2000.0  # at least: pyfuzzylite's time over that of one inference
 PID_GOAL = 2.0  # at most: the time of one update over simple-pid's
@@ -38,44 +35,10 @@ _GAINS = Gains(60.0, 100.0, 9.0)
 _LIMITS = Limits(DERIVATIVE_ON_MEASUREMENT, 0.0, -_LIMIT, _LIMIT, -_LIMIT, _LIMIT)
 
 Batch = Callable[[], int]  # makes some calls and returns how many
-Times = Sequence[float]  # s, a round each
 
 
-@dataclass(frozen=True)
-class BenchRow:
-    """One comparison: medians over the rounds, of the times and of their ratio in each round."""
-
-    name: str
-    ours_s: float  # one call
-    theirs_s: float  # one call
-    ratio: float  # of the two times, in the order that the name gives
-    goal: str  # as text; empty: for information only
-    met: bool | None
-
-    @classmethod
-    def cost(cls, name: str, ours: Times, theirs: Times, at_most: float | None = None) -> BenchRow:
-        """Compare times, round by round, by ours over theirs; without a goal for information only."""
-        ratio = median(a / b for a, b in zip(ours, theirs, strict=True))
-        goal = ("", None) if at_most is None else (f"<= {at_most:g}", ratio <= at_most)
-        return cls(name, median(ours), median(theirs), ratio, *goal)
-
-    @classmethod
-    def speedup(
-        cls, name: str, ours: Times, theirs: Times, at_least: float | None = None
-    ) -> BenchRow:
-        """Compare times, round by round, by theirs over ours; without a goal for information only."""
-        ratio = median(b / a for a, b in zip(ours, theirs, strict=True))
-        goal = ("", None) if at_least is None else (f">= {at_least:g}", ratio >= at_least)
-        return cls(name, median(ours), median(theirs), ratio, *goal)
-
-
-def bench_core(rounds: int = 9) -> list[BenchRow]:
-    """Return the comparisons: fuzzy inference, PID update and, for information, Fuzzy-PID update.
-
-    Raises BenchError if a library is missing or its results differ from ours.
-    """
-    if rounds < 1:
-        raise ValueError(f"rounds must be 1 or greater, not {rounds!r}")
+def compare(rounds: int = 7) -> list[Row]:
+    """Compare one fuzzy evaluation with pyfuzzylite's, and one PID update with simple-pid's."""
     pyfuzzylite, simple_pid = "pyfuzzylite", "simple-pid"
     fuzzylite = library("fuzzylite", pyfuzzylite, "--no-deps -r requirements/fuzzy.txt")
     simple = library("simple_pid", simple_pid, "-r requirements/dev.txt")
@@ -94,26 +57,23 @@ def bench_core(rounds: int = 9) -> list[BenchRow]:
     )
 
     return [
-        BenchRow.speedup(
+        Row.of(
             "fuzzy inference, 3 outputs: pyfuzzylite's time / ours",
-            times["infer"],
-            times[pyfuzzylite],
-            FUZZY_GOAL,
+            times["infer"], times[pyfuzzylite], "us", at_least=FUZZY_GOAL, inverse=True,
         ),
-        BenchRow.cost(
-            "PID update: our time / simple-pid's", times["pid_update"], times[simple_pid], PID_GOAL
+        Row.of(
+            "PID update: our time / simple-pid's",
+            times["pid_update"], times[simple_pid], "us", at_most=PID_GOAL,
         ),
-        BenchRow.cost(
+        Row.of(
             "Fuzzy-PID update: our time / that of simple-pid's PID",
-            times["fuzzy_pid_update"],
-            times[simple_pid],
+            times["fuzzy_pid_update"], times[simple_pid], "us",
         ),
-        BenchRow.cost(
+        Row.of(
             "fuzzy inference, 64 x 64 rules (ours) / 7 x 7 (theirs), in CPython",
-            times["large"],
-            times["infer"],
+            times["large"], times["infer"], "us",
         ),
-    ]
+    ]  # fmt: skip
 
 
 def large_rules() -> FuzzyPidConfig:
@@ -133,14 +93,6 @@ def large_rules() -> FuzzyPidConfig:
         rules_kd=table(0.0, 1.0),
         rules_alpha=table(2.0, 5.0),
     )
-
-
-def library(module: str, package: str, requirements: str) -> Any:
-    try:
-        return import_module(module)
-    except ImportError:
-        message = f"{package} is not installed; install it with: pip install {requirements}"
-        raise BenchError(message) from None
 
 
 def _measure(batches: Mapping[str, Batch], rounds: int) -> dict[str, list[float]]:

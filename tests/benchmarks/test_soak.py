@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from benchmarks import soak
 
-from trunk_experiments.bench import soak
 from trunk_msgs_util.recording.joint_arrays import JointArrays
 from trunk_msgs_util.recording.reader import Recording
 

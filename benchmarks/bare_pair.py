@@ -1,6 +1,6 @@
 """Bare pairs of rclpy processes that only echo the messages of a loop.
 
-The yardsticks of ``trunk bench lockstep`` (``ping`` and ``echo``) and ``trunk bench realtime`` (``timer`` and
+The yardsticks of the benchmarks ``lockstep`` (``ping`` and ``echo``) and ``realtime`` (``timer`` and
 ``answer``): the cost of a round trip without any plant or controller.
 """
 
@@ -15,6 +15,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.node import early_signals
 from trunk_msgs_util.node.conversions import sample_to_ros
 from trunk_msgs_util.samples import JointSample
 
@@ -111,3 +112,8 @@ def main() -> None:
     except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
         pass
     rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    early_signals.unblock()
+    main()

@@ -7,9 +7,7 @@ into arrays is not counted.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
@@ -17,53 +15,33 @@ from typing import Any
 import numpy as np
 from rosbags.highlevel import AnyReader
 
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import QUANTITIES, JointArrays
 from trunk_msgs_util.recording.reader import Recording
 
-from ..errors import BenchError
-from ..plans.plan import make_plan
-from ..runs.offline_recording import record_offline
-from .rates import RateRow
+from .harness import BenchError, Row
 
 READ_GOAL = 15.0  # at least: our messages per second over those of rosbags
 
 
-def bench_read(rounds: int = 5, duration: float = 20.0, path: Path | None = None) -> list[RateRow]:
-    """Return the comparison on a recording, or on a simulated run of ``duration`` s.
-
-    Raises BenchError unless the arrays are equal to the last bit.
-    """
-    if rounds < 1:
-        raise BenchError(f"rounds must be 1 or greater, not {rounds!r}")
+def compare(rounds: int = 5, duration: float = 20.0, run: str = "") -> list[Row]:
+    """Compare our reader with rosbags on RUN, or on a simulated run; the arrays must be equal."""
     with TemporaryDirectory() as folder:
-        if path is None:
-            path = Path(folder) / "run.mcap"
+        path = Path(run or f"{folder}/run.mcap")
+        if not run:
             everywhere = {"duration": duration, "update_rate": 1000.0}
             record_offline(make_plan("fig7", "fuzzy_pid", (), (), everywhere), path)
-        return [_row(path, rounds)]
-
-
-def _row(path: Path, rounds: int) -> RateRow:
-    count = _agreed(path)
-    sides: list[Callable[[], object]] = [lambda: ours(path), lambda: theirs(path)]
-    times = []
-    for i in range(rounds):
-        elapsed_s = {}
-        for side in sides if i % 2 else reversed(sides):
-            start = perf_counter()
-            side()
-            elapsed_s[side] = perf_counter() - start
-        times.append([elapsed_s[side] for side in sides])
-    ratio = median(theirs_s / ours_s for ours_s, theirs_s in times)
-    return RateRow(
-        f"{count} JointState messages into arrays",
-        count / median(ours_s for ours_s, _ in times),
-        count / median(theirs_s for _, theirs_s in times),
-        ratio,
-        f">= {READ_GOAL:g}",
-        ratio >= READ_GOAL,
-    )
+        count = _agreed(path)
+        times: dict[Any, list[float]] = {ours: [], theirs: []}
+        for i in range(rounds):
+            for side in (ours, theirs) if i % 2 else (theirs, ours):
+                start = perf_counter()
+                side(path)
+                times[side].append((perf_counter() - start) / count)
+    name = f"{count} JointState messages into arrays: their time / ours"
+    return [Row.of(name, times[ours], times[theirs], "us", at_least=READ_GOAL, inverse=True)]
 
 
 def ours(path: Path) -> dict[str, JointArrays]:

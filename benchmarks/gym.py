@@ -7,44 +7,43 @@ Runge-Kutta step or ten, with the sensors, the reward and, where the actions are
 from __future__ import annotations
 
 from collections.abc import Callable
-from statistics import median
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from .lanes import alternately
-from .rates import RateRow
+from .harness import Row, alternately
 
 GOAL_HZ = 1e6  # at least: our steps per second and core
 STEPS = 200  # of all environments, in a round
 _GAINS = (60.0, 100.0, 9.0)
 
 
-def bench_gym(rounds: int = 5, count: int = 1024) -> list[RateRow]:
-    """Return the comparisons at ``count`` environments. Raises NotInstalledError without Gymnasium."""
-    from ..gym import ENVIRONMENT  # says what is missing
+def compare(rounds: int = 5, envs: int = 1024) -> list[Row]:
+    """Compare our Gymnasium environment's steps per second per core with CartPole's."""
+    from trunk_experiments.gym import ENVIRONMENT  # says what is missing
 
     import gymnasium  # isort: skip
 
     generator = np.random.default_rng(1)
     carts = gymnasium.make_vec(
-        "CartPole-v1", num_envs=count, vectorization_mode="vector_entry_point"
+        "CartPole-v1", num_envs=envs, vectorization_mode="vector_entry_point"
     )
-    pushes = generator.integers(0, 2, (STEPS, count))
+    pushes = generator.integers(0, 2, (STEPS, envs))
 
-    def row(name: str, actions: Any, **options: Any) -> RateRow:
+    def row(name: str, actions: Any, **options: Any) -> Row:
         trunks = gymnasium.make_vec(
-            ENVIRONMENT, num_envs=count, vectorization_mode="vector_entry_point", **options
+            ENVIRONMENT, num_envs=envs, vectorization_mode="vector_entry_point", **options
         )
         ours, theirs = alternately(
-            rounds, STEPS * count, _warm(trunks, actions), _warm(carts, pushes)
+            rounds, STEPS * envs, _warm(trunks, actions), _warm(carts, pushes)
         )
-        ours_hz, theirs_hz = 1.0 / median(ours), 1.0 / median(theirs)
-        ratio = median(b / a for a, b in zip(ours, theirs, strict=True))
-        return RateRow(name, ours_hz, theirs_hz, ratio, f">= {GOAL_HZ:g}/s", ours_hz >= GOAL_HZ)
+        per_s = [[1.0 / s for s in some] for some in (ours, theirs)]
+        found = Row.of(name, per_s[0], per_s[1], "1/s")
+        return replace(found, goal=f">= {GOAL_HZ:g}/s", met=found.ours >= GOAL_HZ)
 
-    gains = np.broadcast_to(np.array(_GAINS), (STEPS, count, 3))
-    torques = generator.uniform(-20.0, 20.0, (STEPS, count, 1))
+    gains = np.broadcast_to(np.array(_GAINS), (STEPS, envs, 3))
+    torques = generator.uniform(-20.0, 20.0, (STEPS, envs, 1))
     once = ["simulator.substeps=1"]
     return [
         row("PID, 1 RK4 step", gains, action="gains", settings=once),

@@ -9,15 +9,14 @@ import os
 import shutil
 import subprocess
 import tempfile
-from importlib.resources import files
 from pathlib import Path
 
 from trunk_control.laws import law_named
+from trunk_experiments.errors import NotInstalledError
+from trunk_experiments.export_c.controller import ExportedController
+from trunk_experiments.export_c.source import header, source
 
-from ..errors import NotInstalledError
-from ..export_c.controller import ExportedController
-from ..export_c.source import header, source
-from .core import BenchRow
+from .harness import Row
 
 LAWS = ("pid", "fuzzy_pid")
 GOAL = 1.3  # at most: our time to theirs
@@ -37,15 +36,15 @@ _TABLES = {
 }
 
 
-def bench_export(rounds: int = 7) -> list[BenchRow]:
-    """Return a row for each law. Raises NotInstalledError without a C compiler."""
+def compare(rounds: int = 7) -> list[Row]:
+    """Compare an exported law's update with the same law by hand in C; the bits must be equal."""
     compiler = os.environ.get("CC") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
-        raise NotInstalledError("bench export needs a C compiler: apt-get install gcc")
+        raise NotInstalledError("the benchmark export needs a C compiler: apt-get install gcc")
     return [_row(name, compiler, rounds) for name in LAWS]
 
 
-def _row(name: str, compiler: str, rounds: int) -> BenchRow:
+def _row(name: str, compiler: str, rounds: int) -> Row:
     law = law_named(name)
     exported = ExportedController(law, law.config(), bare=True)
     with tempfile.TemporaryDirectory(prefix="trunk-bench-") as place:
@@ -54,8 +53,7 @@ def _row(name: str, compiler: str, rounds: int) -> BenchRow:
         (folder / f"{name}.c").write_text(source(exported))
         (folder / "law.h").write_text(_glue(name))
         for own in ("by_hand.c", "exported.c"):
-            text = Path(str(files(__package__))) / own
-            (folder / own).write_text(text.read_text("utf-8"))
+            shutil.copy(Path(__file__).with_name(own), folder)
         words = [compiler, "-std=c99", "-O2", "exported.c", "-o", "bench"]
         subprocess.run(words, cwd=folder, check=True)
         out = subprocess.run(
@@ -63,7 +61,7 @@ def _row(name: str, compiler: str, rounds: int) -> BenchRow:
         ).stdout
     rounds_s = [[1e-9 * float(ns) for ns in line.split()] for line in out.splitlines()]
     ours, theirs = zip(*rounds_s, strict=True)
-    return BenchRow.cost(f"{law.label}, exported / by hand", ours, theirs, GOAL)
+    return Row.of(f"{law.label}, exported / by hand", ours, theirs, "ns", at_most=GOAL)
 
 
 def _glue(name: str) -> str:

@@ -13,13 +13,12 @@ from statistics import median
 
 import numpy as np
 
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
-
-from ..recorded.run import RecordedRun
-from ..replay.verify import VERIFIED, verify
 
 SETTLED_S = 60.0
 MAX_GROWTH = 0.02

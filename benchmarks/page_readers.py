@@ -1,4 +1,4 @@
-"""Read a gateway as pages do, every frame: ``page_readers ADDRESS COUNT``, until standard input ends."""
+"""Read a gateway as pages do, every frame: ``page_readers.py ADDRESS COUNT``, until standard input ends."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import sys
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
-from ..gateway.priority import give_way
-from ..gateway.protocol import NAME
+from trunk_experiments.gateway.priority import give_way
+from trunk_experiments.gateway.protocol import NAME
 
 
 async def _read(address: str, ready: asyncio.Semaphore) -> None:

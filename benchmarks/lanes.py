@@ -6,28 +6,28 @@ Ratios of times taken alternately: processor time for one process, wall time for
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import fields, replace
-from time import perf_counter, process_time, sleep
+from time import perf_counter, sleep
 
 import numpy as np
 
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.laws import law_named
+from trunk_experiments.batch.block import regular_run, run_block, summaries, summary_of
+from trunk_experiments.batch.columns import LANES
+from trunk_experiments.batch.compiled_run import Batch
+from trunk_experiments.batch.workers import worker_pool
+from trunk_experiments.plans.nodes import CONTROLLERS
+from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_experiments.study.bases import make_bases, plan_of
+from trunk_experiments.study.design import design
+from trunk_experiments.study.file import parse_study
+from trunk_experiments.study.sweep import RunBlock
+from trunk_experiments.study.sweep import run_block as run_rows
 
-from ..batch.block import regular_run, run_block, summaries, summary_of
-from ..batch.columns import LANES
-from ..batch.compiled_run import Batch
-from ..batch.workers import worker_pool
-from ..plans.nodes import CONTROLLERS
-from ..plans.plan import RunPlan, make_plan
-from ..study.bases import make_bases, plan_of
-from ..study.design import design
-from ..study.file import parse_study
-from ..study.sweep import RunBlock
-from ..study.sweep import run_block as run_rows
-from .core import BenchRow, large_rules
+from .core import large_rules
+from .harness import Row, alternately
 
 LANES_GOAL = 3.0  # at least: a run's time alone over that in lanes
 WHOLE_GOAL = 1.3  # at most: a sweep's time over that of its loops
@@ -48,8 +48,8 @@ vary:
 """
 
 
-def bench_lanes(rounds: int) -> list[BenchRow]:
-    """Return the comparisons."""
+def compare(rounds: int = 3) -> list[Row]:
+    """Compare compiled runs in lanes and alone, a whole sweep and its loops, one core and two."""
     batch = Batch()
     return [
         *(lanes_row(name, batch, rounds) for name in CONTROLLERS),
@@ -72,7 +72,7 @@ def varied(plan: RunPlan, count: int) -> list[RunPlan]:
     return [replace(plan, simulator=replace(simulator, trunk_mass=mass)) for mass in masses]
 
 
-def lanes_row(controller: str, batch: Batch, rounds: int) -> BenchRow:
+def lanes_row(controller: str, batch: Batch, rounds: int) -> Row:
     """Return how much faster a run in lanes is than one alone, both in compiled code, metrics included."""
     plans = varied(bench_plan(controller), FEW)
     summaries(plans, batch)
@@ -84,10 +84,10 @@ def lanes_row(controller: str, batch: Batch, rounds: int) -> BenchRow:
         lambda: [summary_of(plan, batch) for plan in plans],
     )
     name = f"{law_named(controller).label}: compiled run alone (theirs) / in lanes (ours)"
-    return BenchRow.speedup(name, lanes, alone, LANES_GOAL)
+    return Row.of(name, lanes, alone, "ms", at_least=LANES_GOAL, inverse=True)
 
 
-def size_row(batch: Batch, rounds: int) -> BenchRow:
+def size_row(batch: Batch, rounds: int) -> Row:
     """Return the cost of a run in lanes with the largest rule base over that with the default one."""
     plan = bench_plan()
     shared = {f.name: getattr(plan.controller, f.name) for f in fields(ControllerConfig)}
@@ -99,10 +99,10 @@ def size_row(batch: Batch, rounds: int) -> BenchRow:
         rounds, FEW, lambda: summaries(large, batch), lambda: summaries(few, batch)
     )
     name = "a run in lanes with 64 x 64 rules (ours) / with 7 x 7 (theirs)"
-    return BenchRow.cost(name, ours, theirs)
+    return Row.of(name, ours, theirs, "ms")
 
 
-def whole_row(batch: Batch, rounds: int) -> BenchRow:
+def whole_row(batch: Batch, rounds: int) -> Row:
     """Return a sweep's time, plans, metrics and table included, over that of its bare loops."""
     study = parse_study(_STUDY.format(runs=MANY), "the benchmark's study")
     bases = make_bases(study)
@@ -120,30 +120,20 @@ def whole_row(batch: Batch, rounds: int) -> BenchRow:
         lambda: [run_block(law, block) for block in blocks],
     )
     name = f"a block of a sweep, {MANY} runs (ours) / its loops alone (theirs)"
-    return BenchRow.cost(name, whole, bare, WHOLE_GOAL)
+    return Row.of(name, whole, bare, "ms", at_most=WHOLE_GOAL)
 
 
-def alternately(
-    rounds: int, runs: int, first: Callable[[], object], second: Callable[[], object]
-) -> tuple[list[float], list[float]]:
-    """Return the processor times of two pieces of work, s for each of their runs, round by round."""
-    pairs = [(timed(first) / runs, timed(second) / runs) for _ in range(rounds)]
-    return [first_s for first_s, _ in pairs], [second_s for _, second_s in pairs]
-
-
-def growth_row(batch: Batch, rounds: int) -> BenchRow:
+def growth_row(batch: Batch, rounds: int) -> Row:
     """Return the cost of a run among many over that among few."""
     few, many = varied(bench_plan(), FEW), varied(bench_plan(), MANY)
-    few_s: list[float] = []
-    many_s: list[float] = []
-    for _ in range(rounds):
-        few_s.append(timed(lambda: summaries(few, batch)) / FEW)
-        many_s.append(timed(lambda: summaries(many, batch)) / MANY)
+    works = lambda: summaries(few, batch), lambda: summaries(many, batch)
+    few_s, many_s = alternately(rounds, 1, *works)
+    few_s, many_s = [s / FEW for s in few_s], [s / MANY for s in many_s]
     name = f"cost of one run among {MANY} (ours) / among {FEW} (theirs)"
-    return BenchRow.cost(name, many_s, few_s, LINEAR_GOAL)
+    return Row.of(name, many_s, few_s, "ms", at_most=LINEAR_GOAL)
 
 
-def cores_row(plan: RunPlan, rounds: int) -> BenchRow:
+def cores_row(plan: RunPlan, rounds: int) -> Row:
     """Return how much faster two processes are than one; without two cores, for information only."""
     times: dict[int, list[float]] = {1: [], 2: []}
     with worker_pool(1) as single, worker_pool(2) as pair:
@@ -154,7 +144,7 @@ def cores_row(plan: RunPlan, rounds: int) -> BenchRow:
             for count, pool in pools.items():
                 times[count].append(_pool_time(pool, plan, count, 2 * MANY))
     name = f"{2 * MANY} runs: one core's time (theirs) / two cores' (ours)"
-    row = BenchRow.speedup(name, times[2], times[1], CORES_GOAL)
+    row = Row.of(name, times[2], times[1], "ms", at_least=CORES_GOAL, inverse=True)
     return row if len(os.sched_getaffinity(0)) > 1 else replace(row, met=None)
 
 
@@ -185,9 +175,3 @@ def _pool_runs(plan: RunPlan, runs: int) -> None:
 
 def _runs(batch: Batch, plan: RunPlan, runs: int) -> None:
     summaries(varied(plan, runs), batch)
-
-
-def timed(work: Callable[[], object]) -> float:
-    start = process_time()
-    work()
-    return process_time() - start
