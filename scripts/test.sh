@@ -80,12 +80,14 @@ else
     few='python_files=test_units.py test_config.py test_terminal.py'
     stage 'colcon test: a few' bash scripts/colcon_test.sh -q "--override-ini=$few"
     settle
-    # Some wait, for a browser or a process of their own: one test more at once than there are cores.
-    stage 'pytest: in one process' "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8
+    # Some wait, for a browser or a process of their own: one test more at once than there are cores. They give way
+    # to the graph's, which run beside them.
+    beside 'pytest: in one process' nice "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8
     # Processes wait for each other more than they work: two tests at once for each core. Each worker loads
     # the files that it collects.
     mapfile -t files < <(grep -rlE 'mark\.graph' tests --include='test_*.py')
     stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m "graph$some" --durations=8 "${files[@]}"
+    settle
 fi
 
 printf '\nprocessor time:\n'

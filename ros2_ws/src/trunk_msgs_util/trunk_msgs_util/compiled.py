@@ -82,7 +82,7 @@ def compiled(function: Function) -> Function:
         config.CACHE_DIR = str(kept)
         twin: Function = numba.njit(function, cache=True, **_OPTIONS)
         os.utime(kept)
-        _save_alone(twin, kept / "lock")
+        _compile_alone(twin, kept / "lock")
         if is_new:
             _delete_unused(kept.parent)
     except (RuntimeError, OSError):
@@ -156,23 +156,26 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "trunk"
 
 
-def _save_alone(twin: Any, path: Path) -> None:
-    """Let one process at a time add to numba's index of a function's machine code.
+def _compile_alone(twin: Any, path: Path) -> None:
+    """Let one process at a time compile a function: the next ones load what it has kept.
 
-    numba reads the index, adds an entry and writes it back without a lock: of two processes that
-    compile a function for different arguments at once, one could leave an entry that names the
-    other's machine code. Where the file system has no locks, nothing is kept.
+    numba reads its index, adds an entry and writes it back without a lock: of two processes at once, one
+    could leave an entry that names the other's machine code. Where the file system has no locks, nothing is kept.
     """
-    save = twin._cache.save_overload
+    compile_ = twin.compile
 
-    def alone(*given: object) -> None:
-        with suppress(OSError):
+    def alone(*given: object) -> object:
+        try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with path.open("w") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX)
-                save(*given)
+            lock = path.open("w")
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        except OSError:
+            twin._cache.disable()
+            return compile_(*given)
+        with lock:
+            return compile_(*given)
 
-    twin._cache.save_overload = alone
+    twin.compile = alone
 
 
 def _delete_unused(folder: Path) -> None:
