@@ -11,7 +11,6 @@ import pytest
 
 from trunk_experiments import cli
 from trunk_experiments.errors import (
-    BenchRunError,
     LiveParametersError,
     PlanError,
     RunError,
@@ -66,7 +65,6 @@ ERRORS = [
     (FileExistsError("it exists"), 2),
     (RunError("it fell silent"), 1),
     (SweepError("a worker was killed"), 1),
-    (BenchRunError("no answer"), 1),
     (LiveParametersError("no node"), 1),
     (DivergedError("the loop is unstable"), 1),
 ]

@@ -26,7 +26,6 @@ from trunk_experiments.runs.processes import find_executable
         (["study"], "s", ["show", "sensitivity"]),
         (["controller"], "ch", ["check", "check-node"]),
         (["controller", "check"], "fuzzy", ["fuzzy_pid", "fuzzy"]),
-        (["map"], "delay_g", ["delay_gain"]),  # its name in the previous release
         (["simulat"], "z", []),
         ([], "he", ["help"]),
         (["help"], "swe", ["sweep"]),

@@ -73,16 +73,6 @@ _MORE = {
     "fit": "Compute parameters from measurements: the hip's path.",
 }
 OVERVIEW = {verb: line for verbs in (*_FAMILIES.values(), _MORE) for verb, line in verbs.items()}
-# Names that the previous release had. They do the same, and say the new name.
-_RENAMED = {
-    "map": "study map",
-    "compare --study": "study compare",
-    "new controller": "controller new",
-    "check controller": "controller check",
-    "check node": "controller check-node",
-    "new": "controller",
-    "check": "controller",
-}
 _ALL = f"{__name__}.all"  # in a context: also what is seldom needed
 
 # Prefixes and suffixes of ROS 2's module names.
@@ -90,18 +80,10 @@ _ROS = ("rcl", "rosidl", "ament_", "launch"), ("_msgs", "_interfaces", "_srvs")
 
 
 class _Trunk(LazyVerbs):
-    """All verbs, by family; also takes the names that they had."""
+    """All verbs, by family."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         return _help if cmd_name == _help.name else super().get_command(ctx, cmd_name)
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        renaming, args = _renamed(args)
-        if renaming and not ctx.resilient_parsing:
-            show_warnings([f"{renaming}; this release takes both names"])
-        return super().resolve_command(ctx, args)
 
     def unknown(self, ctx: click.Context, name: str) -> str:
         meant = did_you_mean(name, (*self.list_commands(ctx), "help"))
@@ -124,24 +106,6 @@ class _Trunk(LazyVerbs):
 
         helps = [CompletionItem("help")] if "help".startswith(incomplete) else []
         return [*super().shell_complete(ctx, incomplete), *helps]
-
-
-def _renamed(args: list[str]) -> tuple[str, list[str]]:
-    """Return that a verb has a new name, empty if it has not, and the arguments with the new name."""
-    for old, new in _RENAMED.items():
-        verb, _, second = old.partition(" ")
-        if args[0] != verb:
-            continue
-        renaming, words = f"trunk {old} is now trunk {new}", new.split()
-        if not second:
-            return renaming, [*words, *args[1:]]
-        last = len(args) if second.startswith("-") else 2  # an option may stand anywhere
-        for number, word in enumerate(args[1:last], 1):
-            option, equals, value = word.partition("=")
-            if option == second:
-                values = [value] if equals else []
-                return renaming, [*words, *args[1:number], *values, *args[number + 1 :]]
-    return "", args
 
 
 def _warn_of_unusable() -> None:

@@ -160,7 +160,8 @@ def _compile_alone(twin: Any, path: Path) -> None:
     """Let one process at a time compile a function: the next ones load what it has kept.
 
     numba reads its index, adds an entry and writes it back without a lock: of two processes at once, one
-    could leave an entry that names the other's machine code. Where the file system has no locks, nothing is kept.
+    could leave an entry that names the other's machine code. Where the file system has no locks, nothing is
+    kept.
     """
     compile_ = twin.compile
 
