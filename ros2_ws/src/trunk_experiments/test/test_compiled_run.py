@@ -6,10 +6,12 @@ import os
 import sys
 import time
 from collections import defaultdict
+from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
@@ -18,7 +20,7 @@ from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.batch import compiled_run
 from trunk_experiments.batch.check import first_difference
-from trunk_experiments.batch.compiled_run import Batch
+from trunk_experiments.batch.compiled_run import Batch, start_of_loop
 from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.nodes import NODES
@@ -26,6 +28,7 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.runs.loop_inputs import check_compilable
 from trunk_experiments.runs.schedule import Schedule
 from trunk_experiments.runs.steps import steps
 from trunk_msgs_util import compiled
@@ -246,3 +249,15 @@ def test_compiled_code_in_use_is_not_old(tmp_path, monkeypatch):
     os.utime(kept, (0, 0))
     compiled.compiled(saturate)
     assert kept.stat().st_mtime > time.time() - 3600
+
+
+def test_a_law_has_one_compiled_loop_whatever_surrounds_it():
+    """Absence is a value, not a type: of drives, harmonics, links, and what is recorded."""
+    types = set()
+    for index in range(100):
+        plan = random_plan(index)
+        with suppress(PlanError):
+            check_compilable(plan)
+            given = start_of_loop(plan)
+            types.add((*plan.controllers, *map(numba.typeof, given)))
+    assert 4 <= len(types) <= 8

@@ -51,6 +51,13 @@ def harmonics_of(cosines: Sequence[float], sines: Sequence[float]) -> tuple[floa
     return tuple(pairs) or None
 
 
+def has_harmonics(harmonics: Sequence[float] | None) -> bool:
+    """Return True if anything is added to the path: a compiler removes the branch of None, as an argument."""
+    if harmonics is None:
+        return False
+    return len(harmonics) > 0
+
+
 def harmonics_at(
     sin_phase: float, cos_phase: float, wavenumber: float, harmonics: Sequence[float] | None
 ) -> tuple[float, float, float]:
@@ -119,7 +126,7 @@ def equations_of_motion(
     sin_theta, cos_theta = sincos(theta)
     slope = amplitude * k * cos_phase
     curvature = -amplitude * k * k * sin_phase
-    if body.harmonics is not None:
+    if has_harmonics(body.harmonics):  # an added zero could change the sign of another
         added = harmonics_at(sin_phase, cos_phase, k, body.harmonics)
         slope += added[1]
         curvature += added[2]

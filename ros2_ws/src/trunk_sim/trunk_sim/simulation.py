@@ -6,18 +6,26 @@ from collections import deque
 from collections.abc import Callable
 from typing import ClassVar
 
-from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.elementary import LARGEST_ANGLE
 from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
 
-from .actuator import Actuator
 from .config import SimulatorConfig
 from .disturbances import Disturbance
 from .noise import Noise
 from .plant import PlantState
-from .step import Measurement, Plant, PlantStatus, act, at_rest, noisy, sense, torque_of
+from .step import (
+    Measurement,
+    Plant,
+    PlantStatus,
+    act,
+    at_rest,
+    noisy,
+    of_one_type,
+    sense,
+    torque_of,
+)
 from .traffic import InFlight, Network, Traffic
 
 Act = Callable[[PlantStatus, float, Disturbance, Plant], PlantStatus]
@@ -79,7 +87,7 @@ def act_for(config: SimulatorConfig, loaded: bool = False) -> Act:
     except ImportError:  # numba is optional
         return act
     start = at_rest(config.initial_state, config.plant)
-    return ready(act, start, 0.0, Disturbance(), _with_array(config.plant))
+    return ready(act, start, 0.0, Disturbance(), of_one_type(config.plant))
 
 
 def _steps(config: SimulatorConfig) -> float:
@@ -88,16 +96,7 @@ def _steps(config: SimulatorConfig) -> float:
 
 def plant_for(function: Act, plant: Plant) -> Plant:
     """Return the plant as this function takes it: unchanged for `act`, with arrays if compiled."""
-    return plant if function is act else _with_array(plant)
-
-
-def _with_array(plant: Plant) -> Plant:
-    """Return a plant whose harmonics are an array, empty if there are none, and that has an actuator.
-
-    Its type never changes, so nothing is recompiled when a running simulator's path or actuator changes.
-    """
-    body = plant.body._replace(harmonics=plant.body.harmonics or ())
-    return with_arrays(plant._replace(body=body, actuator=plant.actuator or Actuator()))
+    return plant if function is act else of_one_type(plant)
 
 
 class DelayLine:

@@ -51,8 +51,17 @@ class Plant(NamedTuple):
     )
 
 
+def of_one_type(plant: Plant) -> Plant:
+    """Return a plant whose harmonics are an array, empty if there are none, and that has an actuator.
+
+    So compiled code is the same for all plants.
+    """
+    body = plant.body._replace(harmonics=plant.body.harmonics or ())
+    return with_arrays(plant._replace(body=body, actuator=plant.actuator or Actuator()))
+
+
 def pruned(plant: Plant) -> Plant:
-    """Return a plant whose False flags are None, so that a compiler removes their branches.
+    """Return a plant whose False flags are None, so that a compiler removes their branches, for lanes.
 
     Its harmonics, if it has any, are an array.
     """

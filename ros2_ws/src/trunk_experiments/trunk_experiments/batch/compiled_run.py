@@ -35,7 +35,7 @@ from ..runs.loop_inputs import (
     states_of,
     surroundings_of,
 )
-from ..runs.schedule import Schedule, wire_of
+from ..runs.schedule import Schedule, of_one_type, wire_of
 
 # Rows of a run's result. The first four are the state; all are RunTable's, in its order.
 X, THETA, X_DOT, THETA_DOT, MEASURED, REFERENCE, TORQUE, KP, KI, KD, ALPHA = range(11)
@@ -183,7 +183,7 @@ class Batch:
         history = np.empty((simulator.delay_steps + 1, 4))
         noise = _noise(plan, states)
         count, diverged = loop(
-            states, surroundings, state, participants, noise, history, Schedule(), self._out
+            states, surroundings, state, participants, noise, history, _COMPUTED, self._out
         )
         t = _times(states, simulator.period_ns)
         table = RunTable(t[:count], *self._out[:, :count])
@@ -191,6 +191,7 @@ class Batch:
 
 
 _NO_NOISE = np.zeros((1, 2))
+_COMPUTED = of_one_type(Schedule())
 
 
 def _noise(plan: RunPlan, states: int) -> Floats:

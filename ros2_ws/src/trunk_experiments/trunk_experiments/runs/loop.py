@@ -125,7 +125,7 @@ def reading_of(
 
 def reads_state(row: int, place: int, reads: Integers | None) -> bool:
     """Return True if the participant at this place gets the state of a row."""
-    return True if reads is None else bool(reads[row, place] != 0)
+    return True if reads is None or len(reads) == 0 else bool(reads[row, place] != 0)
 
 
 def decide_by(

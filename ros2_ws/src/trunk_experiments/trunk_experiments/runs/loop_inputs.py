@@ -17,14 +17,14 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, Signals
 from trunk_sim.noise import noise_samples
-from trunk_sim.step import PlantStatus, pruned
+from trunk_sim.step import PlantStatus, Scale, of_one_type
 
 from ..errors import PlanError
 from ..plans.operated import Operated
 from ..plans.plan import RunPlan, check_turns
 from .loop import Chain, LoopState, Participant, Surroundings
 from .offline import check
-from .schedule import Schedule, Wire
+from .schedule import NO_WIRE, Schedule, Wire
 
 Seen = Callable[
     [str, int], float | None
@@ -77,9 +77,13 @@ def surroundings_of(
 
 
 def for_compiler(surroundings: Surroundings) -> Surroundings:
-    """Return the surroundings as compiled code takes them: tuples as arrays, False flags as None."""
+    """Return the surroundings as compiled code takes them, of one type whatever is there and what is not."""
     s = surroundings
-    return s._replace(plant=pruned(s.plant), signals=with_arrays(s.signals))
+    sensor = s.sensor._replace(scale=s.sensor.scale or Scale())
+    wire = s.wire or NO_WIRE
+    return s._replace(
+        plant=of_one_type(s.plant), sensor=sensor, signals=with_arrays(s.signals), wire=wire
+    )
 
 
 def participants_of(

@@ -46,11 +46,32 @@ class Schedule(NamedTuple):
     stamp_ns: Integers | None = None  # [n], where the states are not those of our plant
 
 
+NO_WIRE = Wire(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((1, 5)), np.zeros(1))
+_NOTHING = Schedule(
+    truth=np.zeros((0, 5)),
+    measured=np.zeros((0, 5)),
+    disturbance=np.zeros((0, 4)),
+    command=np.zeros(0),
+    push=np.zeros((0, 2)),
+    reference=np.zeros(0),
+    reads=np.zeros((0, 0), np.int64),
+    stamp_ns=np.zeros(0, np.int64),
+)
+
+
+def of_one_type(schedule: Schedule) -> Schedule:
+    """Return a schedule as compiled code takes it: an empty array for what is computed."""
+    given = {name: value for name, value in schedule._asdict().items() if value is not None}
+    return _NOTHING._replace(**given)
+
+
 def read_by_wire(
     k: int, measured: Measurement, effort: float, wire: Wire | None
 ) -> tuple[Measurement, float]:
     """Return the controller's reading in step k: the sensors, and the torque over the last step, N m."""
     if wire is None:
+        return measured, effort
+    if len(wire.seen) == 0:
         return measured, effort
     readings = wire.readings
     here, there = k % len(readings), wire.seen[k] % len(readings)
@@ -70,6 +91,8 @@ def used_by_wire(k: int, effort: float, wire: Wire | None) -> float:
     """Return the torque that the plant receives in step k, N m, if ``effort`` is in force before the link."""
     if wire is None:
         return effort
+    if len(wire.used) == 0:
+        return effort
     commands = wire.commands
     commands[k % len(commands)] = effort
     used = wire.used[k]
@@ -78,7 +101,7 @@ def used_by_wire(k: int, effort: float, wire: Wire | None) -> float:
 
 def recorded_trunk(row: int, trunk: PlantStatus, truth: Floats | None) -> PlantStatus:
     """Return the trunk as the record has it; as computed where it has none."""
-    if truth is None or truth[row, 0] != truth[row, 0]:
+    if truth is None or len(truth) == 0 or truth[row, 0] != truth[row, 0]:
         return trunk
     state = PlantState(
         float(truth[row, 0]), float(truth[row, 1]), float(truth[row, 2]), float(truth[row, 3])
@@ -90,7 +113,7 @@ def recorded_reading(
     row: int, measured: Measurement, effort: float, readings: Floats | None
 ) -> tuple[Measurement, float]:
     """Return a measured state and the torque in it as the record has them; as computed where it has none."""
-    if readings is None or readings[row, 0] != readings[row, 0]:
+    if readings is None or len(readings) == 0 or readings[row, 0] != readings[row, 0]:
         return measured, effort
     seen = Measurement(
         float(readings[row, 0]),
@@ -103,7 +126,7 @@ def recorded_reading(
 
 def recorded_disturbance(row: int, acting: Disturbance, values: Floats | None) -> Disturbance:
     """Return the disturbance in a state: the recorded values, or else the signals' ``acting``."""
-    if values is None:
+    if values is None or len(values) == 0:
         return acting
     return Disturbance(
         float(values[row, 0]), float(values[row, 1]), float(values[row, 2]), float(values[row, 3])
@@ -112,19 +135,19 @@ def recorded_disturbance(row: int, acting: Disturbance, values: Floats | None) -
 
 def stamp_at(row: int, regular_ns: int, stamps: Integers | None) -> int:
     """Return a row's stamp, ns."""
-    return regular_ns if stamps is None else int(stamps[row])
+    return regular_ns if stamps is None or len(stamps) == 0 else int(stamps[row])
 
 
 def scheduled(row: int, computed: float, values: Floats | None) -> float:
     """Return a row's value; the computed one where there is none, or NaN."""
-    if values is None or values[row] != values[row]:
+    if values is None or len(values) == 0 or values[row] != values[row]:
         return computed
     return float(values[row])
 
 
 def pushed(row: int, acting: Disturbance, push: Floats | None) -> Disturbance:
     """Return the disturbance with what an operator adds over the step from a row's state."""
-    if push is None:
+    if push is None or len(push) == 0:
         return acting
     return with_operator(acting, Applied(float(push[row, 0]), float(push[row, 1])))
 

@@ -14,7 +14,7 @@ from ..errors import PlanError
 from ..plans.plan import RunPlan
 from .loop import LoopState, Surroundings, segment_of
 from .loop_inputs import for_compiler, participants_of
-from .schedule import Schedule
+from .schedule import Schedule, of_one_type
 from .states import keep_states, write_terms
 
 
@@ -75,7 +75,7 @@ def _compiled_code(plan: RunPlan, inputs: SegmentInputs) -> Code:
     laws = tuple(controller.law.name for controller in inputs.controllers)
 
     def given(inputs: SegmentInputs) -> tuple[Any, ...]:
-        surroundings, state, controllers, *arrays = inputs
+        surroundings, state, controllers, noise, history, schedule, out = inputs
         chain = participants_of(
             (
                 (c.config, with_arrays(c.settings), tuple(map(with_arrays, c.constants)))
@@ -83,6 +83,7 @@ def _compiled_code(plan: RunPlan, inputs: SegmentInputs) -> Code:
             ),
             plan.simulator.joints,
         )
+        arrays = noise, history, of_one_type(schedule), out
         return for_compiler(surroundings), state, chain, *arrays
 
     if laws not in _compiled:
