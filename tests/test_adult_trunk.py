@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import pi
 
 import pytest
+from ros2_ws.src.trunk_experiments.test.stepwise import steps
 
 from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.steps import steps
 from trunk_experiments.tuning.linear import linearise
 from trunk_experiments.tuning.methods import by_lqr, by_poles
 

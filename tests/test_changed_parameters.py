@@ -16,8 +16,8 @@ from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.runs.offline_recording import record_steps
-from trunk_experiments.runs.steps import steps
+from trunk_experiments.runs.engine import states_of_run
+from trunk_experiments.runs.offline_recording import record_states
 from trunk_msgs_util.parameters.declarations import values_of
 
 Trunk = Callable[..., tuple[int, str, str]]
@@ -44,7 +44,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     }
     paths = folder / "plain.mcap", folder / "changed.mcap"
     for path, made in zip(paths, (plan(), replace(plan(), changes=changed)), strict=True):
-        record_steps(made, steps(made), path, ("fuzzy_pid",), overwrite=False)
+        record_states(made, states_of_run(made, compiled=False), path, ("fuzzy_pid",))
     return paths
 
 

@@ -7,6 +7,7 @@ from math import inf, nextafter
 
 import numpy as np
 import pytest
+from ros2_ws.src.trunk_experiments.test.stepwise import steps
 
 import trunk_experiments.api as trunk
 from trunk_experiments.batch.block import key_of, regular_run, summaries, summary_of
@@ -16,7 +17,6 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.runs.steps import steps
 from trunk_experiments.tuning.floquet import floquet
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.samples import JointSample

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ros2_ws.src.trunk_experiments.test.stepwise import steps
 
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.branching.branch import Branch
@@ -18,7 +19,6 @@ from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.late import Late, late_steps
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.runs.steps import steps
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import event
 from trunk_sim.traffic import Traffic

@@ -26,8 +26,7 @@ from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.engine import states_of_run
 from trunk_experiments.runs.files import RunFiles
 from trunk_experiments.runs.graph import run_graph
-from trunk_experiments.runs.offline_recording import _record, record_offline, record_steps
-from trunk_experiments.runs.steps import steps
+from trunk_experiments.runs.offline_recording import record_offline, record_states
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
@@ -43,7 +42,8 @@ def reference(plan: RunPlan, folder: Path) -> RecordedRun:
     """Record a plan's run by CPython; one that diverges ends with its last finite state."""
     path = folder / "cpython.mcap"
     with suppress(DivergedError):
-        record_steps(plan, steps(plan), path, tuple(plan.controllers), overwrite=True)
+        interpreted = states_of_run(plan, compiled=False)
+        record_states(plan, interpreted, path, tuple(plan.controllers), overwrite=True)
     return RecordedRun.open(path)
 
 
@@ -57,7 +57,7 @@ def _compiled(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Itera
     path = folder / "compiled.mcap"
     with suppress(DivergedError):
         compiled = states_of_run(plan, compiled=True)
-        _record(plan, compiled, path, tuple(plan.controllers), True, lambda done, of: None)
+        record_states(plan, compiled, path, tuple(plan.controllers), overwrite=True)
     yield RecordedRun.open(path)
 
 

@@ -10,8 +10,8 @@ from trunk_experiments.plans import nodes
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay import verify as verify_module
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
-from trunk_experiments.runs.offline_recording import record_offline, record_steps
-from trunk_experiments.runs.steps import steps
+from trunk_experiments.runs.engine import states_of_run
+from trunk_experiments.runs.offline_recording import record_offline, record_states
 from trunk_msgs_util.recording.reader import Recording
 
 from ..edited import ANEW, KEPT, copied
@@ -22,11 +22,16 @@ PLAN = make_plan("fig8", "pid", everywhere={"duration": 0.5})
 TERMS = "/stranger/state"
 
 
+def by_a_stranger():
+    for states in states_of_run(PLAN, compiled=False):
+        acts = [(row, "stranger") for row, _ in states.acts]
+        yield states._replace(acts=acts, term_names={"stranger": states.term_names["pid"]})
+
+
 @pytest.fixture(scope="module")
 def strangers(tmp_path_factory):
     path = tmp_path_factory.mktemp("strangers") / "run.mcap"
-    taken = (step._replace(controller="stranger") for step in steps(PLAN))
-    record_steps(replace(PLAN, controllers={}), taken, path, ("stranger",))
+    record_states(replace(PLAN, controllers={}), by_a_stranger(), path, ("stranger",))
     return path
 
 
@@ -73,8 +78,7 @@ def test_a_run_in_which_our_controller_is_known_is_not_a_strangers(tmp_path):
     """A controller whose parameters are on record is judged by them, whatever its terms are called."""
     ours = tmp_path / "ours.mcap"
     record_offline(PLAN, ours)
-    taken = (step._replace(controller="stranger") for step in steps(PLAN))
-    record_steps(PLAN, taken, tmp_path / "renamed.mcap", ("stranger",))
+    record_states(PLAN, by_a_stranger(), tmp_path / "renamed.mcap", ("stranger",))
     verdict = verify(Recording.open(tmp_path / "renamed.mcap"))
     assert verdict.exit_code == UNJUDGED
     assert verdict.obstacles == ["stranger is not known here: install the package that has it"]

@@ -130,9 +130,4 @@ class Law:
     @property
     def record_names(self) -> tuple[str, ...]:
         """The names of a ``~/state`` record, in order."""
-        return names_of_record(self.terms)
-
-
-def names_of_record(terms: LawTerms) -> tuple[str, ...]:
-    """Return the names of a ``~/state`` record with such terms, in order."""
-    return ("reference", "measurement", *terms._fields[:-1])
+        return ("reference", "measurement", *self.terms._fields[:-1])

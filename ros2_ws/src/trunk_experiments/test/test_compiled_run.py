@@ -30,10 +30,11 @@ from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.loop_inputs import check_compilable
 from trunk_experiments.runs.schedule import Schedule
-from trunk_experiments.runs.steps import steps
 from trunk_msgs_util import compiled
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_sim.actuator import saturate
+
+from .stepwise import steps
 
 
 @pytest.fixture(scope="module")

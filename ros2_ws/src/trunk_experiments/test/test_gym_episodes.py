@@ -17,11 +17,12 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.runs.steps import steps
 from trunk_experiments.views.run_view import RunView
 from trunk_experiments.views.task import different_tasks
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
+
+from .stepwise import steps
 
 NOISY = [
     "simulator.sensor.position_noise=0.01",

@@ -15,13 +15,14 @@ from trunk_control.pid import Gains, PidConfig
 from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.steps import steps
 from trunk_experiments.tuning.floquet import floquet
 from trunk_experiments.tuning.linear import LinearLoop, linearise, loop_of
 from trunk_experiments.tuning.margins import largest_delay, margins
 from trunk_experiments.tuning.methods import by_poles
 from trunk_msgs_util.mechanics import Body
 from trunk_sim.config import SimulatorConfig
+
+from .stepwise import steps
 
 PLANT = linearise(Body())
 

@@ -18,7 +18,6 @@ from trunk_experiments.runs import engine, offline_recording, segments
 from trunk_experiments.runs.engine import states_of_run
 from trunk_experiments.runs.offline import disturbance_source
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.runs.steps import steps
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import values_of
@@ -29,6 +28,8 @@ from trunk_msgs_util.recording.writing import chunked
 from trunk_msgs_util.samples import JointSample
 from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
+
+from .stepwise import steps
 
 NOISE = ("position_noise=0.01", "velocity_noise=0.02", "delay=0.013")
 

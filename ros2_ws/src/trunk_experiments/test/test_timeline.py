@@ -10,9 +10,10 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change, Timeline
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.runs.steps import steps
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
+
+from .stepwise import steps
 
 
 def test_the_later_of_two_changes_between_two_states_holds():

@@ -15,8 +15,8 @@ from ..analysis.run_table import RunTable
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..recorded.run import RecordedRun
-from ..runs.offline_recording import record_steps
-from ..runs.steps import steps
+from ..runs.engine import states_of_run
+from ..runs.offline_recording import record_states
 from .block import RunSummary, regular_run, run_block, summary_of
 from .columns import LANES
 from .compiled_run import Batch, Outcome
@@ -38,7 +38,7 @@ def first_difference(plan: RunPlan, batch: Batch) -> str | None:
     with TemporaryDirectory(prefix="trunk-check-") as folder:
         path = Path(folder) / "run.mcap"
         try:
-            record_steps(plan, steps(plan), path, tuple(plan.controllers))
+            record_states(plan, states_of_run(plan, compiled=False), path, tuple(plan.controllers))
         except DivergedError:
             diverged = True
         expected = RunTable.of_run(RecordedRun.open(path))
@@ -102,7 +102,7 @@ def lane_columns(plan: RunPlan) -> tuple[RunSummary, list[dict[str, Floats]]] | 
 
 def _refusal_difference(plan: RunPlan, reason: str) -> str | None:
     try:
-        next(steps(plan))
+        next(states_of_run(plan, compiled=False))
     except PlanError as error:
         if str(error) == reason:
             return None

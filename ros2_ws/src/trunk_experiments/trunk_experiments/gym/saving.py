@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from trunk_control.decide import Output
-from trunk_control.law import LawTerms
-from trunk_control.limits import limited
-from trunk_control.pid import pid_update
-from trunk_control.pid_family import Gains, PidState
-from trunk_control.reference import reference_at
+from trunk_control.controller import Controller
+from trunk_control.law import Constants, Law, Sample
+from trunk_control.limits import Limits, limited
+from trunk_control.pid import LAW, pid_update
+from trunk_control.pid_family import Gains, PidState, Terms
 from trunk_msgs_util.recording.joint_arrays import Floats
-from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.units import step_count
-from trunk_sim.simulation import DivergedError, Simulation
+from trunk_sim.simulation import DivergedError
 
-from ..plans.plan import RunPlan
-from ..runs.offline import disturbance_source
-from ..runs.offline_recording import record_steps
-from ..runs.steps import Step
+from ..runs.engine import Engine, start_of
+from ..runs.offline_recording import record_states
 from .task import Drawn, Task
 
 POLICY = "policy"  # the controller's name in the recording
@@ -36,6 +32,46 @@ class TorqueTerms(NamedTuple):
     held: bool
 
 
+class PolicyMemory(NamedTuple):
+    """How many actions were taken, and the PID that they tune."""
+
+    effort: float  # N m
+    taken: int
+    pid: PidState
+
+
+def policy_law(actions: Sequence[Floats], by_gains: bool) -> Law:
+    """Return the law that takes one action after the other; no action answers the last state."""
+
+    def torque(
+        memory: PolicyMemory, sample: Sample, constants: Constants, limits: Limits
+    ) -> tuple[PolicyMemory, TorqueTerms]:
+        error = sample.reference - sample.measurement
+        if memory.taken == len(actions):
+            return memory, TorqueTerms(error, memory.effort, memory.effort, True)
+        given = float(actions[memory.taken][0])
+        after = PolicyMemory(limited(given, limits), memory.taken + 1, memory.pid)
+        return after, TorqueTerms(error, given, after.effort, False)
+
+    def gains(
+        memory: PolicyMemory, sample: Sample, constants: Constants, limits: Limits
+    ) -> tuple[PolicyMemory, Terms]:
+        if memory.taken == len(actions):
+            return memory, LAW.no_terms._replace(effort=memory.effort, held=True)
+        given = Gains(*map(float, actions[memory.taken]))
+        pid, terms = pid_update(memory.pid, *sample[:4], given, limits)
+        return PolicyMemory(terms.effort, memory.taken + 1, pid), terms._replace(held=False)
+
+    return Law(
+        POLICY,
+        POLICY,
+        LAW.config,
+        gains if by_gains else torque,
+        PolicyMemory(0.0, 0, LAW.memory),
+        LAW.terms if by_gains else TorqueTerms,
+    )
+
+
 def save_episode(
     task: Task,
     drawn: Drawn,
@@ -48,61 +84,11 @@ def save_episode(
 
     An episode whose plant diverged is marked as incomplete. Raises OSError.
     """
-    plan = task.plan_of(drawn, states)
+    plan, config = task.plan_of(drawn, states), task.plan.controller
+    run = replace(plan, controllers={POLICY: config})
+    law = policy_law(actions, task.by_gains)
+    start = start_of(plan)._replace(controllers={POLICY: Controller(config, law)})
     with suppress(DivergedError):  # as in the environment: the file says so
-        record_steps(plan, policy_steps(task, plan, actions), path, (POLICY,), overwrite)
+        stretches = Engine(run, start, compiled=False).states()
+        record_states(plan, stretches, path, (POLICY,), overwrite)
     return path
-
-
-def policy_steps(task: Task, plan: RunPlan, actions: Sequence[Floats]) -> Iterator[Step]:
-    """Yield the steps of an episode of a plan under these actions.
-
-    The last state's command repeats the one before: no action answers that state.
-    Raises DivergedError where the plant diverged.
-    """
-    simulation = Simulation(plan.simulator)
-    disturbances = disturbance_source(plan)
-    last = step_count(plan.simulator.duration, plan.simulator.update_rate)
-    every = task.regular.common.update_every
-    policy = _Policy(task)
-    answer = Output(True, 0.0, False, False, 0.0, TorqueTerms(0.0, 0.0, 0.0, False))
-    while True:
-        k, stamp_ns = simulation.step_index, simulation.stamp_ns
-        acting = disturbances(stamp_ns)
-        measured = simulation.measure(acting)
-        if k % every == 0 and k // every < len(actions):
-            answer = policy.answer(measured, actions[k // every])
-        else:
-            answer = answer._replace(updated=False)
-        truth, falls = simulation.truth(), simulation.falls_now
-        yield Step(stamp_ns, truth, measured, acting, POLICY, answer, (), falls)
-        if simulation.ended_by_fall or k == last:
-            return
-        simulation.step(answer.effort, acting)
-
-
-class _Policy:
-    """Turns an action into an answer, in CPython, with the same functions as `kernel.command`."""
-
-    def __init__(self, task: Task) -> None:
-        self._task = task
-        common = task.regular.common
-        self._limits = common.limits
-        self._state = PidState(effort=task.regular.effort)
-        self._dt, self._later = common.first_dt, common.dt
-
-    def answer(self, measured: JointSample, action: Floats) -> Output:
-        """Return the answer to a measured state."""
-        reference = reference_at(measured.stamp_ns, self._task.regular.profile)
-        angle, rate = measured.position[1], measured.velocity[1]
-        given = [float(number) for number in action]
-        terms: LawTerms
-        if self._task.by_gains:
-            self._state, terms = pid_update(
-                self._state, reference, angle, rate, self._dt, Gains(*given), self._limits
-            )
-        else:
-            effort = limited(given[0], self._limits)
-            terms = TorqueTerms(reference - angle, given[0], effort, False)
-        self._dt = self._later
-        return Output(True, terms.effort, True, False, reference, terms)

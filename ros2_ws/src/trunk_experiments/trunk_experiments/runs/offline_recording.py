@@ -30,8 +30,7 @@ from .engine import states_of_run
 from .loop_inputs import states_of
 from .offline import disturbance_source
 from .state_messages import FELL, PICTURE, PLACES, TURNED, StateMessages
-from .states import APPLIED, POSITION, REFERENCE, VELOCITY, States, longest
-from .steps import Step, in_stretches
+from .states import APPLIED, POSITION, REFERENCE, VELOCITY, States
 
 Progress = Callable[[int, int], None]
 
@@ -45,39 +44,27 @@ def record_offline(
 
     ``progress`` takes how many states there are by now, and how many there will be.
 
-    Raises DivergedError and OSError as `record_steps`.
+    Raises DivergedError and OSError as `record_states`.
     """
     stretches = states_of_run(plan)
-    return _record(plan, stretches, path, tuple(plan.controllers), overwrite, progress)
+    return record_states(plan, stretches, path, tuple(plan.controllers), overwrite, progress)
 
 
-def record_steps(
+def record_states(
     plan: RunPlan,
-    taken: Iterable[Step],
+    stretches: Iterable[States],
     path: Path,
     answering: Sequence[str],
     overwrite: bool = False,
     progress: Progress = lambda done, of: None,
 ) -> int:
-    """Write the recording of a plan's run whose steps these are; return the number of states.
+    """Write the recording of a plan's run that has these states; return how many there are.
 
     ``answering``: by name, who gives the commands.
 
     Raises DivergedError (the file then ends, marked incomplete, with the last finite state), and OSError
     (no file is written then; an existing one stays as it was).
     """
-    stretches = in_stretches(taken, longest(plan.simulator.substeps))
-    return _record(plan, stretches, path, answering, overwrite, progress)
-
-
-def _record(
-    plan: RunPlan,
-    stretches: Iterable[States],
-    path: Path,
-    answering: Sequence[str],
-    overwrite: bool,
-    progress: Progress,
-) -> int:
     with atomic_write(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
         run = OfflineRecorder(plan, answering, writer)
         run.open()
