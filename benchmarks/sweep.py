@@ -121,19 +121,20 @@ def mujoco_run(mujoco: Any, plan: RunPlan, integrator: str, steps: int) -> float
 
 def _scikit_loop(plan: RunPlan) -> Callable[[], None]:
     """Return a loop of `_SCIKIT_STEPS` samples whose gains scikit-fuzzy infers, plant in Python."""
-    from trunk_experiments.runs.steps import steps
+    from trunk_experiments.runs.engine import states_of_run
+    from trunk_experiments.runs.states import SEEN_POSITION, SEEN_VELOCITY
 
     config = plan.controller
     if not isinstance(config, FuzzyPidConfig):
         raise TypeError("a Fuzzy-PID plan is needed")
     simulation = scikit_simulation(config)
+    short = replace(plan, simulator=replace(plan.simulator, duration=(_SCIKIT_STEPS - 1) * 0.001))
 
     def loop() -> None:
-        for k, step in enumerate(steps(plan)):
-            if k == _SCIKIT_STEPS:
-                return
-            simulation.input["e"] = -step.measured.position[1]
-            simulation.input["e_dot"] = -step.measured.velocity[1]
+        (states,) = states_of_run(short, compiled=False)
+        for row in states.table.tolist():
+            simulation.input["e"] = -row[SEEN_POSITION][1]
+            simulation.input["e_dot"] = -row[SEEN_VELOCITY][1]
             simulation.compute()
             if not 0.0 <= simulation.output["kp"] <= 1.0:
                 raise BenchError(

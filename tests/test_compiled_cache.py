@@ -10,12 +10,12 @@ import pytest
 from numba.core.caching import IndexDataCacheFile
 
 from trunk_msgs_util.compiled import compiled
-from trunk_sim.config import SimulatorConfig
-from trunk_sim.disturbances import Disturbance
-from trunk_sim.simulation import Simulation
 
 
-@pytest.mark.slow
+def half(number: float) -> float:
+    return number / 2.0
+
+
 def test_one_process_at_a_time_adds_to_the_cache_of_compiled_code(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     save = IndexDataCacheFile.save
@@ -29,12 +29,19 @@ def test_one_process_at_a_time_adds_to_the_cache_of_compiled_code(monkeypatch, t
         save(file, key, data)
 
     monkeypatch.setattr(IndexDataCacheFile, "save", watched)
-    Simulation(SimulatorConfig(duration=1e6)).step(0.0, Disturbance())
+    assert compiled(half)(3.0) == 1.5
     assert saved
 
 
-def half(number: float) -> float:
-    return number / 2.0
+@pytest.mark.parametrize("part", [0.0, 0.5])
+def test_the_cache_of_compiled_code_may_be_damaged(part, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert compiled(half)(3.0) == 1.5
+    kept = [path for path in tmp_path.rglob("*.nb?") if path.is_file()]
+    assert {path.suffix for path in kept} == {".nbi", ".nbc"}
+    for path in kept:
+        path.write_bytes(path.read_bytes()[: int(part * path.stat().st_size)])
+    assert compiled(half)(3.0) == 1.5
 
 
 def test_the_folder_may_go_before_the_code_is_kept(monkeypatch, tmp_path):

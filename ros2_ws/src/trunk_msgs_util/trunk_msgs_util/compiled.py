@@ -1,4 +1,4 @@
-"""Pure functions compiled by numba unchanged: nothing is written twice.
+"""Pure functions compiled by numba unchanged: nothing is written twice. numba is loaded when it is needed.
 
 numba lets compiled code call a plain function once it is registered (`register_jitable`):
 CPython still runs the function itself, compiled code its translation. `compiled` registers a function
@@ -19,47 +19,92 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache, wraps
-from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import accumulate
 from pathlib import Path
-from types import FunctionType
+from types import CodeType, FunctionType
 from typing import Any, TypeVar, cast
 
-import numba
-from numba.core.codegen import get_host_cpu_features
-from numba.core.errors import NumbaError as NumbaError
-from numba.extending import register_jitable
+import numpy as np
 
-from .compilable import OURS, call_graph
+OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 
 # Without numba's reference counting (_nrt): for arrays in named tuples passed between functions it took
 # half of a run's time. So compiled code only uses arrays that it is given, which the caller keeps alive;
 # numba refuses a function that creates one.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False}
 _registered: set[FunctionType] = set()
-
-
-def _prefer_wide_vectors() -> None:
-    """Let LLVM take vectors of eight doubles wherever the processor has them.
-
-    For Intel's it prefers four, since those once ran at a lower clock rate; loops over lanes gain from eight.
-    The bits are the same. This acts on all code that numba compiles in the process after it.
-    """
-    config: Any = numba.config
-    features = config.CPU_FEATURES or get_host_cpu_features()  # the user's own, if any
-    if "+avx512f" in features.split(",") and "prefer-256-bit" not in features:
-        config.CPU_FEATURES = f"{features},-prefer-256-bit"
-
-
-_prefer_wide_vectors()
-
 _KEPT_DAYS = 90.0
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Record = TypeVar("Record")
+
+_INTEGERS = {"pulse_starts", "table_times", "times", "turns_ns"}  # fields of ns
+
+
+def with_arrays(record: Record) -> Record:
+    """Return a named tuple with its tuples as arrays, so that its type does not include their lengths.
+
+    Nested named tuples are treated likewise; anything else is returned unchanged.
+    """
+    if not hasattr(record, "_fields"):
+        return record
+    fields: Any = record
+    made: Record = fields._make(
+        np.array(value, dtype=np.int64 if name in _INTEGERS else np.float64)
+        if type(value) is tuple
+        else with_arrays(value)
+        for name, value in zip(fields._fields, fields, strict=True)
+    )
+    return made
+
+
+def call_graph(function: Callable[..., Any]) -> list[FunctionType]:
+    """Return a function and all that it calls, directly or not, of its own package and of this project.
+
+    They are found through global names and, for a function built by a factory, its closure.
+    """
+    functions: list[FunctionType] = []
+    waiting: list[Any] = [function]
+    while waiting:
+        callee = waiting.pop()
+        if callee not in functions:
+            functions.append(callee)
+            waiting += _called(callee)
+    return functions
+
+
+def names_used(code: CodeType) -> tuple[str, ...]:
+    """Return the global and attribute names in a function's code."""
+    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    return (*code.co_names, *(name for constant in inner for name in names_used(constant)))
+
+
+def _called(function: FunctionType) -> Iterator[FunctionType]:
+    for cell in function.__closure__ or ():
+        if isinstance(cell.cell_contents, FunctionType):
+            yield cell.cell_contents
+    packages = {*OURS, _package(function)}
+    for name in names_used(function.__code__):
+        value = function.__globals__.get(name)
+        if isinstance(value, FunctionType) and _package(value) in packages:
+            yield value
+
+
+def _package(function: FunctionType) -> str:
+    return function.__module__.split(".")[0]
+
+
+@cache
+def twin(function: Function) -> Function:
+    """Return a function's compiled twin; where numba, which is optional, is not installed, the function."""
+    try:
+        return compiled(function)
+    except ImportError:
+        return function
 
 
 def compiled(function: Function) -> Function:
@@ -67,8 +112,13 @@ def compiled(function: Function) -> Function:
 
     The machine code is kept in `cache_folder`, under a fingerprint of all its sources:
     numba's own cache checks the age of one source file only. Code not used for 90 days is
-    deleted when other sources are compiled. If no folder is writable, nothing is kept.
+    deleted when other sources are compiled. If no folder is writable, the disk is full or what was kept
+    is damaged, nothing is kept. Raises ImportError without numba.
     """
+    import numba
+    from numba.extending import register_jitable
+
+    _prefer_wide_vectors(numba.config)
     for callee in call_graph(function):
         if callee is not function and callee not in _registered:
             # inline: passing rule tables by value costs as much as using them
@@ -92,25 +142,13 @@ def compiled(function: Function) -> Function:
     return twin
 
 
-def ready(function: Function, *example: object) -> Function:
-    """Return the compiled twin after a first call with these arguments.
-
-    If the code on disk is damaged, or the disk is full, it is recompiled and not kept.
-    """
-    twin = compiled(function)
-    try:
-        twin(*example)
-    except Exception:  # numba may raise anything on such files; compiling errors recur below
-        twin = numba.njit(function, **_OPTIONS)
-        twin(*example)
-    return twin
-
-
 def compiled_or_plain(function: Function, report: Callable[[str], None]) -> Function:
     """Return the compiled twin; where numba refuses a function, its calls run in CPython, with the same bits.
 
     ``told`` is called once, with numba's reason in one line.
     """
+    from numba.core.errors import NumbaError
+
     twin, plain = compiled(function), False
 
     @wraps(function)
@@ -139,6 +177,8 @@ def reason_of(error: Exception) -> str:
 
 def fingerprint(*functions: Callable[..., Any]) -> str:
     """Return a hash of the functions' files, of all that these import, and of the compiler's version."""
+    from importlib.metadata import version
+
     callees = {callee for function in functions for callee in call_graph(function)}
     packages = frozenset(OURS) | {callee.__module__.split(".")[0] for callee in callees}
     files: set[str] = set()
@@ -156,6 +196,19 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "trunk"
 
 
+def _prefer_wide_vectors(config: Any) -> None:
+    """Let LLVM take vectors of eight doubles wherever the processor has them.
+
+    For Intel's it prefers four, since those once ran at a lower clock rate; loops over lanes gain from eight.
+    The bits are the same. This acts on all code that numba compiles in the process after it.
+    """
+    from numba.core.codegen import get_host_cpu_features
+
+    features = config.CPU_FEATURES or get_host_cpu_features()  # the user's own, if any
+    if "+avx512f" in features.split(",") and "prefer-256-bit" not in features:
+        config.CPU_FEATURES = f"{features},-prefer-256-bit"
+
+
 def _compile_alone(twin: Any, path: Path) -> None:
     """Let one process at a time compile a function: the next ones load what it has kept.
 
@@ -163,6 +216,8 @@ def _compile_alone(twin: Any, path: Path) -> None:
     could leave an entry that names the other's machine code. Where the file system has no locks, nothing is
     kept.
     """
+    from numba.core.errors import NumbaError
+
     compile_ = twin.compile
 
     def alone(*given: object) -> object:
@@ -174,7 +229,13 @@ def _compile_alone(twin: Any, path: Path) -> None:
             twin._cache.disable()
             return compile_(*given)
         with lock:
-            return compile_(*given)
+            try:
+                return compile_(*given)
+            except NumbaError:
+                raise
+            except Exception:  # numba may raise anything on damaged files
+                twin._cache.disable()
+                return compile_(*given)
 
     twin.compile = alone
 

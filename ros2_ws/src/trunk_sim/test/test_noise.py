@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from trunk_msgs_util.compiled import twin
 from trunk_sim import noise
 from trunk_sim.noise import Noise, fill, noise_samples, random_bits, standard_normal
 
@@ -90,5 +91,5 @@ def test_compiled_code_returns_the_same_bits():
     )
     slow, by_compiled_code = np.empty(bits.shape), np.empty(bits.shape)
     fill(bits.reshape(-1), slow.reshape(-1))
-    noise._compiled_fill()(bits.reshape(-1), by_compiled_code.reshape(-1))
+    twin(fill)(bits.reshape(-1), by_compiled_code.reshape(-1))
     assert slow.tobytes() == by_compiled_code.tobytes()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from math import inf, nan
 
@@ -12,8 +11,8 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState, advance
-from trunk_sim.simulation import DelayLine, DivergedError, Simulation, act_for
-from trunk_sim.step import SensorParameters, act, saturate, sense
+from trunk_sim.simulation import DelayLine, DivergedError, Simulation
+from trunk_sim.step import SensorParameters, saturate, sense
 
 QUIET = Disturbance()
 
@@ -145,69 +144,11 @@ def test_retune_changes_the_plant_and_keeps_the_state():
     assert simulation.state == advance(state, 0.0, 1.0, 0.005, 1, heavy.body)
 
 
-def trail(simulation):
-    for k in range(300):
-        simulation.step(0.5 * (k % 7) - 1.5, Disturbance(0.2, -0.1, 0.0, 0.0))
-        yield simulation.status
-
-
-@pytest.mark.parametrize(
-    "values",
-    [{}, {"substeps": 3}, {"hip_mode": "prescribed"}, {"cosines": (0.1, 0.0, 0.02)}],
-    ids=str,
-)
-def test_a_long_run_steps_by_compiled_code_with_the_same_bits(values):
-    short, long = SimulatorConfig(duration=1.0, **values), SimulatorConfig(duration=1e6, **values)
-    assert act_for(short) is act
-    assert act_for(long) is not act
-    assert list(trail(Simulation(long))) == list(trail(Simulation(short)))
-
-
-@pytest.mark.parametrize(
-    ("duration", "rate", "compiled"),
-    [(0.0, 200.0, False), (0.0, 1000.0, True), (10.0, 1000.0, False), (1000.0, 200.0, True)],
-)
-def test_only_a_run_with_many_steps_loads_the_compiler(duration, rate, compiled):
-    """An endless one counts as ten minutes."""
-    config = SimulatorConfig(duration=duration, update_rate=rate)
-    assert (Simulation(config)._act is not act) == compiled
-
-
-def test_a_changed_path_compiles_nothing_again():
-    long = SimulatorConfig(duration=1e6)
-    simulation, expected = Simulation(long), Simulation(long, act)
-    compiled = simulation._act
-    before = len(compiled.signatures)
-    for config in (long, replace(long, sines=(0.1,)), replace(long, cosines=(0.1, 0.2)), long):
-        for plant in (simulation, expected):
-            plant.reconfigure(config)
-            plant.step(0.3, QUIET)
-        assert simulation.state == expected.state
-    assert len(compiled.signatures) == before
-
-
-def test_a_long_run_without_numba_steps_by_cpython(monkeypatch):
-    monkeypatch.setitem(sys.modules, "trunk_msgs_util.compiled", None)
-    assert act_for(SimulatorConfig(duration=0.0)) is act
-
-
-@pytest.mark.slow
-def test_the_cache_of_compiled_code_may_be_damaged(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    long = SimulatorConfig(duration=1e6)
-    expected = list(trail(Simulation(long)))
-    kept = [path for path in tmp_path.rglob("*.nb?") if path.is_file()]
-    assert kept
-    for path in kept:
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2 * (path.suffix == ".nbc")])
-    assert list(trail(Simulation(long))) == expected
-
-
 def test_angles_beyond_the_largest_are_named():
     with pytest.raises(ParameterError, match=r"path\.wavenumber times x"):
         SimulatorConfig(initial_position=(1e6, 0.1), wavenumber=2.0)
     start = {"initial_position": (0.0, 1.646e6), "initial_velocity": (0.0, 2e5)}
-    simulation = Simulation(SimulatorConfig(hip_mode="prescribed", **start), act)
+    simulation = Simulation(SimulatorConfig(hip_mode="prescribed", **start))
     simulation.step(0.0, QUIET)
     with pytest.raises(DivergedError, match="the largest angle whose sine is computed"):
         simulation.step(0.0, QUIET)

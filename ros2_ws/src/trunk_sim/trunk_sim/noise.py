@@ -8,12 +8,10 @@ Pure: `standard_normal` is a function of an integer, which CPython runs and numb
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
+from trunk_msgs_util.compiled import twin
 from trunk_msgs_util.normal import upper_quantile
 
 _UNIT = 2.0**-53
@@ -43,7 +41,7 @@ def noise_samples(seed: int, steps: int, first: int = 0) -> NDArray[np.float64]:
     """Return the samples of ``steps`` steps from ``first`` on [steps, 2], for position and velocity."""
     bits = random_bits(seed, first, steps)
     samples = np.empty(bits.shape)
-    fill_rows = fill if bits.size < _WORTH_COMPILING else _compiled_fill()
+    fill_rows = fill if bits.size < _WORTH_COMPILING else twin(fill)
     fill_rows(bits.reshape(-1), samples.reshape(-1))
     return samples
 
@@ -52,15 +50,6 @@ def fill(bits: NDArray[np.int64], samples: NDArray[np.float64]) -> None:
     """Fill ``samples`` [N] with those of the random bits [N]."""
     for i in range(len(bits)):
         samples[i] = standard_normal(bits[i])
-
-
-@cache
-def _compiled_fill() -> Callable[..., None]:
-    try:
-        from trunk_msgs_util.compiled import ready
-    except ImportError:  # numba is optional
-        return fill
-    return ready(fill, random_bits(0, 0, 1).reshape(-1), np.empty(2))
 
 
 class Noise:

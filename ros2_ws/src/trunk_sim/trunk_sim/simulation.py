@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from typing import ClassVar
 
 from trunk_msgs_util.elementary import LARGEST_ANGLE
@@ -22,18 +21,11 @@ from .step import (
     act,
     at_rest,
     noisy,
-    of_one_type,
     sense,
     torque_of,
 )
 from .traffic import InFlight, Network, Traffic
 
-Act = Callable[[PlantStatus, float, Disturbance, Plant], PlantStatus]
-
-# Runge-Kutta steps. Loading compiled code takes 0.7 s, and compiling it, once for each version, some seconds.
-WORTH_COMPILING = 40_000  # a loop, which saves some ten microseconds in each
-WORTH_A_STEP = 150_000  # a single step, which saves four
-ENDLESS_S = 600.0  # how long an endless run counts as
 MeasuredStep = tuple[Measurement, float]  # a reading, and the torque over the step before it, N m
 
 
@@ -67,38 +59,6 @@ def diverged(stamp_ns: int, status: PlantStatus, effort: float, plant: Plant) ->
     return DivergedError(reason.format(**values))
 
 
-def worth_compiling(config: SimulatorConfig, first: int = 0) -> bool:
-    """Return True for a run that is long enough to make up for loading a loop's compiled code.
-
-    ``first``: the index of the state that it goes on from.
-    """
-    return _steps(config) - first * config.substeps >= WORTH_COMPILING
-
-
-def act_for(config: SimulatorConfig, loaded: bool = False) -> Act:
-    """Return `act` for a run with this configuration, ready to use: compiled if that is faster and possible.
-
-    Both return the same bits. ``loaded``: the compiler is already loaded for something else.
-    """
-    if _steps(config) < (WORTH_COMPILING if loaded else WORTH_A_STEP):
-        return act
-    try:
-        from trunk_msgs_util.compiled import ready
-    except ImportError:  # numba is optional
-        return act
-    start = at_rest(config.initial_state, config.plant)
-    return ready(act, start, 0.0, Disturbance(), of_one_type(config.plant))
-
-
-def _steps(config: SimulatorConfig) -> float:
-    return (config.duration or ENDLESS_S) * config.update_rate * config.substeps
-
-
-def plant_for(function: Act, plant: Plant) -> Plant:
-    """Return the plant as this function takes it: unchanged for `act`, with arrays if compiled."""
-    return plant if function is act else of_one_type(plant)
-
-
 class DelayLine:
     """The true state a whole number of steps ago; until there are that many, the oldest known one."""
 
@@ -122,10 +82,9 @@ class Simulation:
     state, for the sensors' delay: call it once per step.
     """
 
-    def __init__(self, config: SimulatorConfig, act: Act | None = None) -> None:
-        """``act`` is `step.act`, or its compiled twin; by default the faster for this run."""
+    def __init__(self, config: SimulatorConfig) -> None:
+        """Begin at the initial state."""
         self.step_index = 0
-        self._act = act or act_for(config)
         self._noise = Noise(config.seed)
         self._delay = DelayLine(config.delay_steps)
         self._wire = None if config.network is None else _Wire(config.network)
@@ -135,7 +94,7 @@ class Simulation:
     def reconfigure(self, config: SimulatorConfig) -> None:
         """Change plant, sensor or limit parameters; the state stays."""
         self.config = config
-        self._plant = plant_for(self._act, config.plant)
+        self._plant = config.plant
         self._sensor = config.sensor
         self._noisy = noisy(config.sensor)
         self._period_ns = config.period_ns
@@ -190,7 +149,7 @@ class Simulation:
         """
         if self._wire is not None:
             effort = self._wire.command(self.step_index, effort)
-        after = self._act(self.status, effort, disturbance, self._plant)
+        after = act(self.status, effort, disturbance, self._plant)
         if after.diverged:
             raise diverged(self.stamp_ns, self.status, effort, self._plant)
         self.falls_now = after.fallen and not self.status.fallen

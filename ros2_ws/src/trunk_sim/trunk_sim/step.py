@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
-from trunk_msgs_util.compilable import with_arrays
+from trunk_msgs_util.compiled import with_arrays
 from trunk_msgs_util.mechanics import Body
 
 from .actuator import Actuator, actuator_torque, quantised, saturate, with_friction

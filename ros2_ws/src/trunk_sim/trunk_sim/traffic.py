@@ -8,12 +8,11 @@ which readings a controller saw and which commands acted.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from functools import cache
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from trunk_msgs_util.compiled import twin
 from trunk_msgs_util.recording.joint_arrays import Integers
 
 from .links import DOUBLED, DRAWS, LATE, LOST, Link, most_late, simulate_link
@@ -207,7 +206,7 @@ class _LinkTraffic(_Drawn):
         bits = _draw(self._seed, self._stream, first, steps, DRAWS)
         rows = np.empty((steps, 4), np.int64)
         used, outcome = rows[:, _USED], rows[:, _FATE:]
-        simulate = simulate_link if steps < _WORTH_COMPILING else _compiled()
+        simulate = simulate_link if steps < _WORTH_COMPILING else twin(simulate_link)
         simulate(first, bits, self._link, self._period_ns, self._memory, self._due, used, outcome)
         return rows
 
@@ -227,16 +226,3 @@ def _draw(seed: int, stream: int, first: int, steps: int, each: int) -> Integers
     generator.advance(each * first)
     raw = generator.random_raw(each * steps).reshape(steps, each)
     return (raw >> np.uint64(11)).astype(np.int64)
-
-
-@cache
-def _compiled() -> Callable[..., None]:
-    try:
-        from trunk_msgs_util.compiled import ready
-    except ImportError:  # numba is optional
-        return simulate_link
-    none = np.zeros((0, DRAWS), np.int64)
-    due = np.array([[-1, 0]])
-    rows = np.empty((0, 4), np.int64)
-    memory = np.array([0, -1])
-    return ready(simulate_link, 0, none, Link(), 1, memory, due, rows[:, _USED], rows[:, _FATE:])

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import cache
 from math import inf, isfinite, isnan, nan, pi, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from trunk_msgs_util.compiled import twin
+
 from .sums import Sums, no_rows, with_row
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from .run_table import RunTable
 
@@ -143,12 +144,11 @@ def metrics(table: RunTable, compiled: bool = False) -> RunMetrics:
         np.ascontiguousarray(column)
         for column in (since_first, table.theta, table.reference, table.torque)
     )
-    quick = _compiled_sums() if compiled or len(t) >= _WORTH_COMPILING else None
-    if quick is None:
+    if (compiled or len(t) >= _WORTH_COMPILING) and twin(_sums) is not _sums:
+        sums = twin(_sums)(t, theta, reference, torque, steady_from(end))
+    else:
         rows = t.tolist(), theta.tolist(), reference.tolist(), torque.tolist()
         sums = _sums(*rows, steady_from(end))
-    else:
-        sums = quick(t, theta, reference, torque, steady_from(end))
     return metrics_of(sums, 0.0)
 
 
@@ -253,13 +253,3 @@ def _sums(
     for k in range(len(t)):
         sums = with_row(sums, t[k], theta[k], reference[k], torque[k], steady)
     return sums
-
-
-@cache
-def _compiled_sums() -> Callable[..., Sums] | None:
-    try:
-        from trunk_msgs_util.compiled import ready
-    except ImportError:  # numba is optional, but faster
-        return None
-    row = np.zeros(1)
-    return ready(_sums, row, row, row, row, 0.0)

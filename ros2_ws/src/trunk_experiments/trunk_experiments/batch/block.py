@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,8 +15,7 @@ from trunk_control.laws import law_named, law_of
 from trunk_control.limits import limited
 from trunk_control.pid_family import PidState
 from trunk_control.reference import ReferenceProfile
-from trunk_msgs_util.compilable import with_arrays
-from trunk_msgs_util.compiled import compiled
+from trunk_msgs_util.compiled import compiled, twin, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds, step_count
 from trunk_sim.disturbances import Signals
@@ -221,14 +220,14 @@ def series_of(runs: list[Regular]) -> LaneSeries:
     else:
         reference = np.zeros((states, 1, LANES))
         for lane, profile in enumerate(profiles):
-            _filler(fill_references)(with_arrays(profile), period_ns, lane, reference)
+            twin(fill_references)(with_arrays(profile), period_ns, lane, reference)
     acting = _NONE
     signals = [run.signals for run in runs if run.signals is not None]
     if signals:
         lanes = 1 if all(signal == signals[0] for signal in signals) else LANES
         acting = np.zeros((states, 4, lanes))
         for lane, signal in enumerate(signals[:lanes]):
-            _filler(fill_disturbances)(with_arrays(signal), period_ns, lane, acting)
+            twin(fill_disturbances)(with_arrays(signal), period_ns, lane, acting)
     noise = _NONE
     seeds = [run.seed for run in runs if run.seed is not None]
     if seeds:
@@ -241,13 +240,8 @@ def series_of(runs: list[Regular]) -> LaneSeries:
 @lru_cache(maxsize=8)
 def _reference(profile: ReferenceProfile, states: int, period_ns: int) -> Floats:
     reference = np.empty((states, 1, 1))
-    _filler(fill_references)(with_arrays(profile), period_ns, 0, reference)
+    twin(fill_references)(with_arrays(profile), period_ns, 0, reference)
     return reference
-
-
-@cache
-def _filler(fill: Callable[..., None]) -> Callable[..., None]:
-    return compiled(fill)
 
 
 _loops: dict[tuple[str, int], Callable[..., None]] = {}

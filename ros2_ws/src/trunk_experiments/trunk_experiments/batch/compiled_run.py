@@ -14,8 +14,7 @@ from trunk_control.controller import Controller
 from trunk_control.decide import Output
 from trunk_control.law import Law
 from trunk_control.laws import law_named
-from trunk_msgs_util.compilable import with_arrays
-from trunk_msgs_util.compiled import compiled_or_plain
+from trunk_msgs_util.compiled import compiled_or_plain, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.disturbances import Disturbance

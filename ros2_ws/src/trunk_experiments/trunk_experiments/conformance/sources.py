@@ -12,7 +12,7 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 from trunk_control.law import Law, from_scratch, unchanged
-from trunk_msgs_util.compilable import call_graph
+from trunk_msgs_util.compiled import call_graph
 
 from .finding import LawFinding, name_of
 

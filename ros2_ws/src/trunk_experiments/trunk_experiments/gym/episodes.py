@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
-from trunk_msgs_util.compilable import with_arrays
-from trunk_msgs_util.compiled import compiled
+from trunk_msgs_util.compiled import twin, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.disturbances import Signals
 from trunk_sim.noise import fill, random_bits
@@ -72,7 +68,7 @@ class Episodes:
     def _make_series(self, states: int, period_ns: int) -> EpisodeSeries:
         regular = self.task.regular
         reference = np.empty((states, 1, 1))
-        _quick(fill_references)(with_arrays(regular.profile), period_ns, 0, reference)
+        twin(fill_references)(with_arrays(regular.profile), period_ns, 0, reference)
         each = 2 * self._noisy + 4 * self.task.draws_disturbances
         if self.count * states * each * 8 > MOST_BYTES:
             raise PlanError(
@@ -90,7 +86,7 @@ class Episodes:
     def _disturbances(self, signals: Signals) -> Floats:
         common = self.task.regular.common
         acting = np.empty((common.states, 4, 1))
-        _quick(fill_disturbances)(with_arrays(signals), common.period_ns, 0, acting)
+        twin(fill_disturbances)(with_arrays(signals), common.period_ns, 0, acting)
         return acting[:, :, 0]
 
     def begin(self, episode: int, drawn: Drawn) -> None:
@@ -104,7 +100,7 @@ class Episodes:
         self.steps[episode] = 0
         if self._noisy:
             bits = random_bits(drawn.sensor_seed, 0, self.course.last + 1)
-            _quick(fill)(bits.reshape(-1), self._series.noise[episode].reshape(-1))
+            twin(fill)(bits.reshape(-1), self._series.noise[episode].reshape(-1))
         if self.task.draws_disturbances:
             disturbance = self.task.plan_of(drawn).disturbance
             assert disturbance is not None
@@ -124,13 +120,13 @@ class Episodes:
             raise ActionError(
                 f"action: number {i} of environment {episode} is {taken[episode, i]}: it must be finite"
             )
-        _quick(advance)(self.course, self._blocks, self.steps, self._series, self._history, taken)
+        twin(advance)(self.course, self._blocks, self.steps, self._series, self._history, taken)
         return taken
 
     def observations(self) -> Floats:
         """Return the controllers' observations now [count, OBSERVED], in a new array."""
         out = np.empty((self.count, OBSERVED))
-        _quick(observe)(self.course, self._blocks, self.steps, self._series, self._history, out)
+        twin(observe)(self.course, self._blocks, self.steps, self._series, self._history, out)
         return out
 
     def _row(self, row: int) -> Floats:
@@ -171,8 +167,3 @@ class Episodes:
     def truncated(self) -> Flags:
         """Which episodes have reached the plan's duration [count]."""
         return np.greater_equal(self.steps[: self.count], self.course.last)
-
-
-@cache
-def _quick(function: Callable[..., None]) -> Callable[..., None]:
-    return compiled(function)

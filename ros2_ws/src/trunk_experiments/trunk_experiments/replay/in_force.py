@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from functools import cache
-from importlib.util import find_spec
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.compilable import with_arrays
+from trunk_msgs_util.compiled import twin, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.source import ARRIVAL
 from trunk_msgs_util.units import nanoseconds
@@ -30,19 +28,12 @@ _ROWS = 50_000  # at a time
 _CHANNELS = ("effort[{0}]", "effort[{1}]", "position[{0}]", "position[{1}]")
 
 
-def signals_over(stamps: Integers, signals: Signals, out: Floats) -> None:
+def signals_over(stamps: Sequence[int] | Integers, signals: Signals, out: Floats) -> None:
     """Write what the signals say at these stamps, ns [n], into ``out`` [n, 4]. Compiles unchanged."""
     for row in range(len(stamps)):
         acting = disturbance_at(stamps[row], signals)
         out[row, 0], out[row, 1] = acting.hip_force, acting.trunk_torque
         out[row, 2], out[row, 3] = acting.hip_offset, acting.trunk_offset
-
-
-@cache
-def _compiled() -> Callable[..., None]:
-    from trunk_msgs_util.compiled import compiled
-
-    return compiled(signals_over)
 
 
 def check_disturbances(run: RecordedRun, process: Process, until_ns: int | None = None) -> Check:
@@ -54,16 +45,15 @@ def check_disturbances(run: RecordedRun, process: Process, until_ns: int | None 
     if until_ns is not None:
         rows, stamps = rows[stamps <= until_ns], stamps[stamps <= until_ns]
     timeline = Timeline(process.config, process.changes)
-    quick = len(stamps) >= _WORTH_COMPILING and find_spec("numba") is not None
+    quick = len(stamps) >= _WORTH_COMPILING
     names = [field.format(*table.names) for field in _CHANNELS] if len(rows) else []
     for begin, end in _stretches(stamps, timeline):
         signals = timeline.config.signals
         out = np.empty((end - begin, 4))
         if quick:
-            _compiled()(stamps[begin:end], with_arrays(signals), out)
+            twin(signals_over)(stamps[begin:end], with_arrays(signals), out)
         else:
-            for row, stamp_ns in enumerate(stamps[begin:end].tolist()):
-                out[row] = disturbance_at(stamp_ns, signals)
+            signals_over(stamps[begin:end].tolist(), signals, out)
         recorded = disturbances(table, rows[begin:end])
         columns = [
             ComparedColumn(table.topic, name, recorded[:, i], out[:, i])

@@ -17,7 +17,6 @@ from trunk_control.law import Hip, Law
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState
-from trunk_sim.simulation import Act
 from trunk_sim.step import (
     Measurement,
     Plant,
@@ -232,9 +231,7 @@ Keep = Callable[
 ]
 
 
-def segment_of(
-    *laws: Law, keep: Keep, tell: Tell, act: Act = act
-) -> Callable[..., tuple[int, int, LoopState]]:
+def segment_of(*laws: Law, keep: Keep, tell: Tell) -> Callable[..., tuple[int, int, LoopState]]:
     """Return the loop of a run with these laws, in the order of its participants; without any, a plant alone.
 
     ``segment(first, stop, surroundings, state, participants, noise, history, schedule, out)`` computes the
@@ -244,7 +241,6 @@ def segment_of(
 
     ``noise`` [stop - first, 2] are standard normal samples; its last row is used for all that follow.
     ``history`` [delay_steps + 1, 4] keeps the states that the sensors still have to see.
-    ``act`` is `step.act`, or its compiled twin where the loop itself is not compiled.
     """
     decide_all: Callable[..., Decided] = decide_none
     for place, law in reversed(list(enumerate(laws))):

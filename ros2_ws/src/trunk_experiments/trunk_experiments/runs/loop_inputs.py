@@ -10,7 +10,7 @@ import numpy as np
 from trunk_control.controller import hip_index
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import Settings
-from trunk_msgs_util.compilable import with_arrays
+from trunk_msgs_util.compiled import with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import nanoseconds, step_count
 from trunk_sim.config import SimulatorConfig

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from trunk_control.controller import Controller
-from trunk_msgs_util.compilable import with_arrays
+from trunk_msgs_util.compiled import compiled, reason_of, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
-from trunk_sim.simulation import act_for, plant_for, worth_compiling
+from trunk_sim.config import SimulatorConfig
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
@@ -32,6 +32,20 @@ class SegmentInputs(NamedTuple):
 
 Code = Callable[[int, int, SegmentInputs], tuple[int, int, LoopState]]
 
+# Runge-Kutta steps. Loading compiled code takes 0.7 s, and compiling it, once for each version, some seconds;
+# it saves some ten microseconds in each.
+WORTH_COMPILING = 40_000
+ENDLESS_S = 600.0  # how long an endless run counts as
+
+
+def worth_compiling(config: SimulatorConfig, first: int = 0) -> bool:
+    """Return True for a run that is long enough to make up for loading a loop's compiled code.
+
+    ``first``: the index of the state that it goes on from.
+    """
+    steps = (config.duration or ENDLESS_S) * config.update_rate - first
+    return steps * config.substeps >= WORTH_COMPILING
+
 
 def code_for(plan: RunPlan, first: int, inputs: SegmentInputs, compiled: bool | None) -> Code:
     """Return the loop of a run from an index on: compiled, where that pays and can be done, or not.
@@ -48,10 +62,9 @@ def code_for(plan: RunPlan, first: int, inputs: SegmentInputs, compiled: bool | 
 
 
 def _plain_code(plan: RunPlan, controllers: Sequence[Controller]) -> Code:
-    """Return the loop in CPython; in a long run, as where numba refuses a law, at least `act` is compiled."""
-    step = act_for(plan.simulator)
+    """Return the loop in CPython."""
     laws = [controller.law for controller in controllers]
-    segment = segment_of(*laws, keep=keep_states, tell=write_terms, act=step)
+    segment = segment_of(*laws, keep=keep_states, tell=write_terms)
 
     def code(first: int, stop: int, inputs: SegmentInputs) -> tuple[int, int, LoopState]:
         surroundings, state, controllers, *arrays = inputs
@@ -59,8 +72,7 @@ def _plain_code(plan: RunPlan, controllers: Sequence[Controller]) -> Code:
             ((c.config, c.settings, c.constants) for c in controllers),
             plan.simulator.joints,
         )
-        plant = plant_for(step, surroundings.plant)
-        return segment(first, stop, surroundings._replace(plant=plant), state, chain, *arrays)
+        return segment(first, stop, surroundings, state, chain, *arrays)
 
     return code
 
@@ -70,7 +82,7 @@ _compiled: dict[tuple[str, ...], Callable[..., tuple[int, int, LoopState]]] = {}
 
 def _compiled_code(plan: RunPlan, inputs: SegmentInputs) -> Code:
     """Return the loop as compiled code, after a call that computes no state. Raises as `code_for` does."""
-    from trunk_msgs_util.compiled import NumbaError, ready, reason_of
+    import numba
 
     laws = tuple(controller.law.name for controller in inputs.controllers)
 
@@ -90,8 +102,9 @@ def _compiled_code(plan: RunPlan, inputs: SegmentInputs) -> Code:
         loop = [controller.law for controller in inputs.controllers]
         segment = segment_of(*loop, keep=keep_states, tell=write_terms)
         try:
-            _compiled[laws] = ready(segment, 0, 0, *given(inputs))
-        except NumbaError as error:
+            _compiled[laws] = compiled(segment)
+            _compiled[laws](0, 0, *given(inputs))
+        except numba.core.errors.NumbaError as error:
             reason = reason_of(error)
             raise PlanError(f"{', '.join(laws)}: not compilable: {reason}") from None
     segment = _compiled[laws]

@@ -20,8 +20,7 @@ from trunk_control.law import Hip, Sample, Update
 from trunk_control.laws import law_named
 from trunk_control.limits import Limits
 from trunk_control.pid_family import PidState
-from trunk_msgs_util.compilable import with_arrays
-from trunk_msgs_util.compiled import compiled
+from trunk_msgs_util.compiled import compiled, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Disturbance
