@@ -15,8 +15,8 @@ import numpy as np
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.laws import law_named
 from trunk_experiments.batch.block import regular_run, run_block, summaries, summary_of
-from trunk_experiments.batch.columns import LANES
 from trunk_experiments.batch.compiled_run import Batch
+from trunk_experiments.batch.lanes import LANES
 from trunk_experiments.batch.workers import worker_pool
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import RunPlan, make_plan

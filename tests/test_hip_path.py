@@ -11,8 +11,8 @@ from ros2_ws.src.trunk_experiments.test.stepwise import steps
 
 import trunk_experiments.api as trunk
 from trunk_experiments.batch.block import key_of, regular_run, summaries, summary_of
-from trunk_experiments.batch.columns import LANES
 from trunk_experiments.batch.compiled_run import Batch
+from trunk_experiments.batch.lanes import LANES
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, verdict_on

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from benchmarks import gym as bench
 
-from trunk_experiments.gym import kernel
+from trunk_experiments.gym import episodes as kernel
 from trunk_experiments.gym.episodes import Episodes
 from trunk_experiments.gym.task import make_task
 from trunk_msgs_util.compiled import compiled

@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from trunk_experiments.batch.block import regular_run, run_block
-from trunk_experiments.batch.columns import LANES
-from trunk_experiments.batch.lanes import TRACED
+from trunk_experiments.batch.lanes import LANES, TRACED
 from trunk_experiments.gym.episodes import Episodes
 from trunk_experiments.gym.task import make_task
 from trunk_experiments.plans.nodes import CONTROLLERS

@@ -9,8 +9,7 @@ import numpy as np
 
 from trunk_control.laws import law_named
 from trunk_experiments.batch import block
-from trunk_experiments.batch.columns import LANES
-from trunk_experiments.batch.lanes import lanes_loop
+from trunk_experiments.batch.lanes import LANES, lanes_loop
 from trunk_experiments.plans.plan import make_plan
 from trunk_msgs_util.compiled import compiled
 

@@ -8,7 +8,7 @@ from math import nan
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_experiments.batch.columns import LANES, in_common, reader_of, row_values, shared
+from trunk_experiments.batch.lanes import LANES, in_common, reader_of, row_values, shared
 
 OTHERS = st.sampled_from([3, True, False, None, (1.0, 2.0)])
 

@@ -23,9 +23,8 @@ from trunk_experiments.batch.block import (
     summary_of,
 )
 from trunk_experiments.batch.check import lane_difference
-from trunk_experiments.batch.columns import LANES
 from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.batch.lanes import TRACED
+from trunk_experiments.batch.lanes import LANES, TRACED
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import make_plan
 

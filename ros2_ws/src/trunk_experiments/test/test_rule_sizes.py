@@ -9,8 +9,8 @@ import pytest
 
 from trunk_experiments.batch.block import regular_run, run_block, summary_of
 from trunk_experiments.batch.check import first_difference
-from trunk_experiments.batch.columns import LANES
 from trunk_experiments.batch.compiled_run import Batch
+from trunk_experiments.batch.lanes import LANES
 from trunk_experiments.batch.random_plans import Draw, rule_base
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun

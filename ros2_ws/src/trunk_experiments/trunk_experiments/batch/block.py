@@ -27,10 +27,38 @@ from ..analysis.sums import Sums, no_rows
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..runs.loop_inputs import check_compilable
-from .cells import LEFT, MEMORY, PARAMETERS, STATE, SUMS
-from .columns import LANES, in_common, row_values, shared
 from .compiled_run import Batch
-from .lanes import Common, LaneSeries, fill_disturbances, fill_references, lanes_loop
+from .lanes import (
+    LANES,
+    LEFT,
+    MEMORY,
+    PARAMETERS,
+    STATE,
+    SUMS,
+    Common,
+    LaneSeries,
+    fill_disturbances,
+    fill_references,
+    in_common,
+    lanes_loop,
+    row_values,
+    shared,
+)
+
+MAX_STATES = 20_000_000  # of a compiled run, all in memory: 1.8 GB
+
+
+def wrong_duration(duration: float, rate: float) -> str:
+    """Return the fault in a run of ``duration`` s at ``rate`` Hz; empty if there is none."""
+    if duration == 0.0:
+        return "duration is 0 s: a compiled run needs an end"
+    states = step_count(duration, rate) + 1
+    if states <= MAX_STATES:
+        return ""
+    return (
+        f"{states} states in a run: at most {MAX_STATES} are allowed; shorten it, or lower the rate"
+    )
+
 
 ENOUGH = 4  # runs: a block of lanes takes about as long
 _KEPT = 8  # controllers whose values are kept

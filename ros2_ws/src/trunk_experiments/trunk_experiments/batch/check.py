@@ -18,9 +18,8 @@ from ..recorded.run import RecordedRun
 from ..runs.engine import states_of_run
 from ..runs.offline_recording import record_states
 from .block import RunSummary, regular_run, run_block, summary_of
-from .columns import LANES
 from .compiled_run import Batch, Outcome
-from .lanes import TRACED
+from .lanes import LANES, TRACED
 
 _IN_LANES = ("x", "theta", "x_dot", "theta_dot", "reference", "torque")
 

@@ -3,6 +3,10 @@
 LLVM turns the innermost loops into vector instructions, in which every lane does the very operations of
 the scalar functions: the bits are those of `compiled_run`, however wide the vectors are.
 
+The numbers of the runs are cells: one row per number, one column per run. The cells are one flat array whose
+rows all have `LANES` numbers, so that a compiler sees that rows do not overlap. What is not a float (modes,
+flags), and tuples of floats (rule tables), are the same in all lanes.
+
 A lane handles only a run's regular course: one controller, always active, whose law always has an answer. A
 lane that meets anything else (its plant diverges, its trunk falls and that ends the run, its law holds)
 is marked as left, and `compiled_run` computes its run.
@@ -10,53 +14,251 @@ is marked as left, and `compiled_run` computes its run.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import nan
 from typing import Any, NamedTuple
 
-from trunk_control.law import Constants, Law, Lookup
+import numpy as np
+
+from trunk_control.law import Constants, Hip, Law, Lookup, Sample
 from trunk_control.limits import Limits
+from trunk_control.pid_family import PidState
 from trunk_control.reference import ReferenceProfile, reference_at
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
-from trunk_sim.disturbances import Signals, disturbance_at
-from trunk_sim.plant import rk4_step
-from trunk_sim.step import (
-    Plant,
-    SensorParameters,
-    beyond_fall,
-    finite,
-    sense,
-    torque_of,
-    torque_on,
-)
+from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
+from trunk_sim.plant import PlantState, rk4_step
+from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, sense, torque_of, torque_on
 
-from ..analysis.sums import with_row
+from ..analysis.sums import Sums, with_row
 from ..runs.loop import reading_of
-from .cells import (
-    ACTING,
-    INPUTS,
-    LEFT,
-    MEMORY,
-    NOISE,
-    PARAMETERS,
-    REFERENCE,
-    SAMPLE,
-    SEEN,
-    STATE,
-    TORQUE,
-    TOTAL_TORQUE,
-    WANTED,
-    acting_at,
-    keep_four,
-    keep_memory,
-    keep_sums,
-    memory_at,
-    sample_at,
-    state_at,
-    sums_at,
-)
-from .columns import LANES, Reader, reader_of
+
+LANES = 16
+
+Reader = Callable[[Floats, int, Any], Any]
+
+
+def row_values(record: Any) -> list[float]:
+    """Return the numbers of a record that have rows, in order."""
+    if type(record) is float:
+        return [record]
+    if not _has_rows(record):
+        return []
+    return [value for part in record for value in row_values(part)]
+
+
+def in_common(record: Any) -> Any:
+    """Return a record without the numbers that have rows: equal for runs that can share a block."""
+    if type(record) is float:
+        return float
+    if not _has_rows(record):
+        return record
+    return type(record).__name__, *(in_common(part) for part in record)
+
+
+def shared(record: Any) -> Any:
+    """Return a record as compiled code takes it: its tables as arrays, its False flags as None (`pruned`)."""
+    if _has_rows(record):
+        parts = [shared(part) for part in record]
+        return record._make(parts) if hasattr(record, "_fields") else tuple(parts)
+    if record is False:
+        return None
+    return np.array(record, dtype=np.float64) if type(record) is tuple else record
+
+
+def reader_of(record: Any, row: int) -> tuple[Reader, int]:
+    """Return a function that makes such a record from the cells, and the row after its last.
+
+    ``read(cells, lane, common)`` takes what has no row from ``common``, a record of the same structure.
+    """
+    if type(record) is float:
+
+        def read_cell(cells: Floats, lane: int, common: Any) -> Any:
+            return cells[row * LANES + lane]
+
+        return read_cell, row + 1
+    if not _has_rows(record):
+        return _as_it_is, row
+    readers: list[Reader] = []  # of tuples, which together are the record's parts
+    index = 0
+    while index < len(record):
+        parts = record[index:]
+        if count := _leading(parts, lambda part: type(part) is float):
+            count, reader = _block_of(count, row)
+            row += count
+        elif count := _leading(parts, lambda part: type(part) is not float and not _has_rows(part)):
+            reader = _taken(index, index + count)
+        else:
+            count = 1
+            read_part, row = reader_of(parts[0], row)
+            reader = _alone(read_part, index)
+        readers.append(reader)
+        index += count
+    read_all = _one_after_another(readers)
+    if not hasattr(record, "_fields"):
+        return read_all, row
+    kind = type(record)
+
+    def read_record(cells: Floats, lane: int, common: Any) -> Any:
+        return kind(*read_all(cells, lane, common))
+
+    return read_record, row
+
+
+def _has_rows(record: Any) -> bool:
+    return hasattr(record, "_fields") or (
+        type(record) is tuple and not all(type(part) is float for part in record)
+    )
+
+
+def _as_it_is(cells: Floats, lane: int, common: Any) -> Any:
+    return common
+
+
+def _taken(begin: int, end: int) -> Reader:
+    """Return a function that takes some parts of ``common`` as they are."""
+
+    def take(cells: Floats, lane: int, common: Any) -> Any:
+        return common[begin:end]
+
+    return take
+
+
+def _leading(parts: Sequence[Any], fits: Callable[[Any], bool]) -> int:
+    """Return how many of the first parts fit."""
+    return next((i for i, part in enumerate(parts) if not fits(part)), len(parts))
+
+
+def _block_of(count: int, row: int) -> tuple[int, Reader]:
+    """Return how many cells, at most ``count``, a function reads at once as a tuple, and that function.
+
+    numba takes some 0.05 s for each function, however short: four cells are one function, not eight.
+    """
+    if count >= 4:
+
+        def read_four(cells: Floats, lane: int, common: Any) -> Any:
+            at = row * LANES + lane
+            return cells[at], cells[at + LANES], cells[at + 2 * LANES], cells[at + 3 * LANES]
+
+        return 4, read_four
+    if count >= 2:
+
+        def read_two(cells: Floats, lane: int, common: Any) -> Any:
+            at = row * LANES + lane
+            return cells[at], cells[at + LANES]
+
+        return 2, read_two
+
+    def read_one(cells: Floats, lane: int, common: Any) -> Any:
+        return (cells[row * LANES + lane],)
+
+    return 1, read_one
+
+
+def _alone(reader: Reader, index: int) -> Reader:
+    """Return a function that reads one part of a record, as a tuple of one."""
+
+    def read_part(cells: Floats, lane: int, common: Any) -> Any:
+        return (reader(cells, lane, common[index]),)
+
+    return read_part
+
+
+def _one_after_another(readers: Sequence[Reader]) -> Reader:
+    """Return a function that makes one tuple of those that the readers make."""
+    if len(readers) == 1:
+        return readers[0]
+    half = len(readers) // 2
+    left, right = _one_after_another(readers[:half]), _one_after_another(readers[half:])
+
+    def read_both(cells: Floats, lane: int, common: Any) -> Any:
+        return (*left(cells, lane, common), *right(cells, lane, common))
+
+    return read_both
+
+
+STATE = 0  # of the plant, 4
+SEEN = 4  # the state that the sensors see, 4
+ACTING = 8  # the disturbance, 4
+NOISE = 12  # samples, 2
+WANTED = 14  # the reference now
+REFERENCE = 15  # that of the last update, whose sample the next four rows have
+SAMPLE = 16  # measurement, rate, the hip's position and rate
+MEMORY = 20  # of the law, 5: its state but for ``started``
+TORQUE = 25
+LEFT = 26  # 1.0 in a lane that has left the regular course
+TOTAL_TORQUE = 27  # N m, on the trunk over a period
+INPUTS = 28  # what a law's tables are looked up by, 2
+SUMS = 30
+PARAMETERS = SUMS + len(
+    Sums._fields
+)  # of the run, as many as it has; then the cell of a law's tables
+
+
+def four(cells: Floats, row: int, lane: int) -> tuple[float, float, float, float]:
+    """Return a lane's numbers in four rows."""
+    at = row * LANES + lane
+    return cells[at], cells[at + LANES], cells[at + 2 * LANES], cells[at + 3 * LANES]
+
+
+def keep_four(numbers: tuple[float, ...], row: int, cells: Floats, lane: int) -> None:
+    """Write a lane's four numbers into the rows from ``row`` on."""
+    at = row * LANES + lane
+    cells[at], cells[at + LANES] = numbers[0], numbers[1]
+    cells[at + 2 * LANES], cells[at + 3 * LANES] = numbers[2], numbers[3]
+
+
+def keep_memory(memory: PidState, cells: Floats, lane: int) -> None:
+    """Write the law's state."""
+    keep_four(memory[:4], MEMORY, cells, lane)
+    cells[(MEMORY + 4) * LANES + lane] = memory.effort
+
+
+def keep_sums(sums: Sums, cells: Floats, lane: int) -> None:
+    """Write the sums."""
+    keep_four(sums[:4], SUMS, cells, lane)
+    keep_four(sums[4:8], SUMS + 4, cells, lane)
+    keep_four(sums[8:12], SUMS + 8, cells, lane)
+    keep_four(sums[12:16], SUMS + 12, cells, lane)
+    cells[(SUMS + 16) * LANES + lane] = sums.steady_rows
+    cells[(SUMS + 17) * LANES + lane] = sums.steady_sum
+    cells[(SUMS + 18) * LANES + lane] = sums.steady_squares
+
+
+def state_at(cells: Floats, row: int, lane: int) -> PlantState:
+    """Return the plant's state in four rows."""
+    return PlantState(*four(cells, row, lane))
+
+
+def acting_at(cells: Floats, lane: int) -> Disturbance:
+    """Return the disturbance."""
+    return Disturbance(*four(cells, ACTING, lane))
+
+
+def sample_at(cells: Floats, lane: int, dt: float) -> Sample:
+    """Return the law's sample."""
+    measurement, rate, hip, hip_rate = four(cells, SAMPLE, lane)
+    return Sample(cells[REFERENCE * LANES + lane], measurement, rate, dt, Hip(hip, hip_rate))
+
+
+def memory_at(cells: Floats, lane: int, started: bool) -> PidState:
+    """Return the law's state."""
+    effort = cells[(MEMORY + 4) * LANES + lane]
+    return PidState(*four(cells, MEMORY, lane), effort, started)
+
+
+def sums_at(cells: Floats, lane: int) -> Sums:
+    """Return the sums so far."""
+    return Sums(
+        *four(cells, SUMS, lane),
+        *four(cells, SUMS + 4, lane),
+        *four(cells, SUMS + 8, lane),
+        *four(cells, SUMS + 12, lane),
+        cells[(SUMS + 16) * LANES + lane],
+        cells[(SUMS + 17) * LANES + lane],
+        cells[(SUMS + 18) * LANES + lane],
+    )
+
 
 TRACED = 6  # numbers of a lane and step in a trace: the plant's state, the reference, the torque
 

@@ -18,6 +18,6 @@ ENVIRONMENT = "trunk/Balance-v0"
 if ENVIRONMENT not in registry:  # the package may be reloaded
     register(
         ENVIRONMENT,
-        entry_point="trunk_experiments.gym.balance:BalanceEnv",
-        vector_entry_point="trunk_experiments.gym.vector:BalanceVectorEnv",
+        entry_point="trunk_experiments.gym.environments:BalanceEnv",
+        vector_entry_point="trunk_experiments.gym.environments:BalanceVectorEnv",
     )

@@ -15,7 +15,7 @@ from trunk_msgs_util.parameters.declarations import (
     unknown_name,
 )
 
-from ..batch.limits import wrong_duration
+from ..batch.block import wrong_duration
 from ..errors import PlanError, StudyError
 from ..plans.plan import check_turns
 from ..runs.offline import check

@@ -13,8 +13,8 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.units import seconds
 
 from ..batch.block import RunSummary, summaries
-from ..batch.columns import LANES
 from ..batch.compiled_run import Batch
+from ..batch.lanes import LANES
 from ..errors import PlanError, StudyError
 from ..plans.plan import RunPlan
 from ..plans.pushes import UNITS, Push

@@ -15,8 +15,8 @@ from trunk_control.rule_tables import Axes
 from trunk_msgs_util.parameters.declarations import Value, build, declarations, values_of
 from trunk_msgs_util.recording.joint_arrays import Floats
 
+from ..batch.block import wrong_duration
 from ..batch.compiled_run import Batch
-from ..batch.limits import wrong_duration
 from ..errors import PlanError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
