@@ -37,8 +37,7 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.late import late_steps
 from trunk_experiments.runs.files import RunFiles
 from trunk_experiments.runs.graph import run_graph
-from trunk_experiments.runs.processes import NodeProcess, find_executable
-from trunk_experiments.runs.stopping import stop
+from trunk_experiments.runs.processes import NodeProcess, find_executable, stop
 from trunk_msgs_util import topics
 
 from .harness import BenchError, Row

@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trunk_experiments.plans.operated import RealTimeInputs
 from trunk_experiments.plans.plan import RunPlan
+from trunk_experiments.plans.pushes import RealTimeInputs
 from trunk_experiments.recorded.inputs import NO_SOURCE
 from trunk_experiments.runs.engine import states_of_run
-from trunk_experiments.runs.loop_inputs import states_of
-from trunk_experiments.runs.offline import disturbance_source
+from trunk_experiments.runs.loop_inputs import disturbance_source, states_of
 from trunk_experiments.runs.offline_recording import OfflineRecorder, Within
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event

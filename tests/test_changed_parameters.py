@@ -10,8 +10,12 @@ from pathlib import Path
 import pytest
 
 from trunk_experiments import api
-from trunk_experiments.analysis.changed_parameters import changed_parameters, lines_of
-from trunk_experiments.analysis.parameter_text import transition_text, value_text
+from trunk_experiments.analysis.parameter_text import (
+    changed_parameters,
+    lines_of,
+    transition_text,
+    value_text,
+)
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from trunk_control.controller import Controller
-from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change, Timeline
-from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.late import late_steps
 from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_experiments.runs import segments
+from trunk_experiments.runs import engine
 from trunk_experiments.runs.loop_inputs import states_of
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
@@ -126,7 +125,7 @@ def test_in_a_long_real_time_run_a_pulse_may_begin_and_end_late(
     pulse_length, more, compiled, tmp_path, monkeypatch
 ):
     """Whether compiled code judges it or not."""
-    monkeypatch.setattr(segments, "worth_compiling", lambda *_: compiled)
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: compiled)
     pulse = ("channel=trunk_effort", "start_times=[0.5]", f"duration={pulse_length}")
     settings = [*(f"disturbance.pulse.{one}" for one in pulse), *more]
     plan = make_plan("fig6", "pid", settings=settings, everywhere={"duration": 0.8})

@@ -7,9 +7,8 @@ from math import degrees, radians
 import numpy as np
 import pytest
 
-from trunk_experiments.analysis.metrics import QUANTITIES, metrics
+from trunk_experiments.analysis.metrics import QUANTITIES, SETTLING_BAND, metrics
 from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.analysis.sums import SETTLING_BAND
 
 
 def table(theta, reference=0.0, torque=0.0, period=0.01) -> RunTable:

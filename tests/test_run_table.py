@@ -8,8 +8,7 @@ import pytest
 
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import COLUMNS, RunTable
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.plans.turns import parse_swap
+from trunk_experiments.plans.plan import make_plan, parse_swap
 from trunk_experiments.recorded import run as recorded_run
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.views.extract import write_csv

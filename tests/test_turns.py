@@ -10,9 +10,8 @@ import pytest
 
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.plan import make_plan, parse_swap
 from trunk_experiments.plans.timeline import Change
-from trunk_experiments.plans.turns import parse_swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.doctor import examine

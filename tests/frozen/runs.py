@@ -12,9 +12,8 @@ import numpy as np
 
 from trunk_experiments.batch.random_plans import links_and_drives, random_plan
 from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_experiments.plans.plan import RunPlan, Swap, make_plan
 from trunk_experiments.plans.timeline import Change
-from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics

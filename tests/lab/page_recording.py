@@ -17,8 +17,7 @@ from trunk_experiments.gateway.protocol import plain
 from trunk_experiments.lab.recording_template import recording_template
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.runs.engine import Engine
-from trunk_experiments.runs.loop_inputs import states_of
-from trunk_experiments.runs.offline import disturbance_source
+from trunk_experiments.runs.loop_inputs import disturbance_source, states_of
 from trunk_experiments.runs.states import States
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_sim.simulation import DivergedError

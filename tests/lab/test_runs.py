@@ -9,7 +9,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from trunk_experiments.analysis.recorded_metrics import recorded_metrics
+from trunk_experiments.analysis.run_table import recorded_metrics
 from trunk_experiments.lab.wasm import missing_tools
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline

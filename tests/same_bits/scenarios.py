@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trunk_experiments.batch.random_plans import links_and_drives
-from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_experiments.plans.plan import RunPlan, make_plan, parse_swap
 from trunk_experiments.plans.timeline import Change
-from trunk_experiments.plans.turns import parse_swap
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import build, values_of
 from trunk_sim.config import SimulatorConfig

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import click
 
-from trunk_experiments.runs import segments
+from trunk_experiments.runs import engine
 
 from . import nodes
 from .faults import Run
@@ -134,7 +134,7 @@ def main(
 ) -> None:
     """Play COUNT seeds; the exit code is 1 if one breaks an invariant."""
     if compiled:
-        segments.worth_compiling = lambda *_: True  # type: ignore[assignment]
+        engine.worth_compiling = lambda *_: True  # type: ignore[assignment]
     folder = Path(tempfile.mkdtemp(prefix="seeds_", dir="/dev/shm"))
     done = failed = 0
     begun = time.perf_counter()

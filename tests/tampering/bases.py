@@ -10,9 +10,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_experiments.plans.plan import RunPlan, Swap, make_plan
 from trunk_experiments.plans.timeline import Change
-from trunk_experiments.plans.turns import Swap
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.parameters.declarations import Value
 

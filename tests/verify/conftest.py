@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs import engine, segments
+from trunk_experiments.runs import engine
 from trunk_experiments.runs.offline_recording import record_offline
 
 
@@ -15,7 +15,7 @@ from trunk_experiments.runs.offline_recording import record_offline
 def engine_kind(request, monkeypatch):
     """Judge every file with both: 1201 rows are several windows."""
     compiled = request.param == "compiled"
-    monkeypatch.setattr(segments, "worth_compiling", lambda *_: compiled)
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: compiled)
     monkeypatch.setattr(engine, "longest", lambda _: 300)
 
 

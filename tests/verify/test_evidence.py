@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
-from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.doubts import doubts_of
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
-from trunk_experiments.runs import engine, segments
+from trunk_experiments.runs import engine
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import declarations
@@ -44,7 +43,7 @@ H = 5_000_000  # ns
 @pytest.fixture(autouse=True)
 def engine_kind(monkeypatch):
     """Judge every file with CPython, in several windows: what is compared does not depend on it."""
-    monkeypatch.setattr(segments, "worth_compiling", lambda *_: False)
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: False)
     monkeypatch.setattr(engine, "longest", lambda _: 64)
 
 

@@ -9,9 +9,8 @@ import pytest
 
 from trunk_experiments.branching.branch import Branch, fanned
 from trunk_experiments.cli import main
-from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
-from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verdict_on

@@ -8,7 +8,7 @@ import pytest
 
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.pushes import Push, parse_push, pushed
-from trunk_experiments.recorded.branch_of import branch_of
+from trunk_experiments.recorded.run import branch_of
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import disturbance_at
 

@@ -24,9 +24,8 @@ from trunk_experiments.batch.compiled_run import Batch, start_of_loop
 from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
-from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.loop_inputs import check_compilable
 from trunk_experiments.runs.schedule import Schedule

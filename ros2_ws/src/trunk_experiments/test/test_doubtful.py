@@ -11,8 +11,7 @@ import pytest
 from trunk_experiments.cli import main
 from trunk_experiments.console.tables import print_table
 from trunk_experiments.errors import PlanError, closest, did_you_mean
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.plans.turns import Swap
+from trunk_experiments.plans.plan import Swap, make_plan
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,13 @@ import pytest
 from PIL import Image
 
 from trunk_control.laws import law_named
-from trunk_experiments.analysis.run_table import COLUMNS, RunTable
-from trunk_experiments.analysis.run_terms import DISTURBANCE, all_columns, column_units
+from trunk_experiments.analysis.run_table import (
+    COLUMNS,
+    DISTURBANCE,
+    RunTable,
+    all_columns,
+    column_units,
+)
 from trunk_experiments.errors import PlanError
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.views.extract import window, write_csv, write_mcap, write_npz, write_parquet

@@ -13,7 +13,7 @@ from trunk_experiments.recorded.joint_table import JointTable
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import in_force
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
-from trunk_experiments.runs import segments
+from trunk_experiments.runs import engine
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording import joint_arrays
@@ -75,7 +75,7 @@ def test_windows_of_values_that_were_not_kept(spans, filled, path):
 
 @pytest.mark.slow
 def test_a_verified_run_is_never_read_whole(path, monkeypatch):
-    monkeypatch.setattr(segments, "worth_compiling", lambda *_: True)
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: True)
     run = RecordedRun.open(path)
     assert verdict_on(run).exit_code == VERIFIED
     assert "arrays" not in vars(run.table(TERMS))
@@ -103,7 +103,7 @@ def test_a_survey_knows_the_digests(path):
 
 
 def test_without_a_compiler_a_run_is_judged_all_the_same(path, monkeypatch):
-    monkeypatch.setattr(segments, "worth_compiling", lambda *_: True)
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: True)
     monkeypatch.setattr(in_force, "_WORTH_COMPILING", 0)
     monkeypatch.setattr(in_force, "twin", lambda function: function)
     monkeypatch.setitem(sys.modules, "numba", None)

@@ -11,12 +11,11 @@ from trunk_control.decide import state_record
 from trunk_control.laws import law_named
 from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
-from trunk_experiments.plans.turns import Swap
-from trunk_experiments.runs import engine, offline_recording, segments
+from trunk_experiments.runs import engine, offline_recording
 from trunk_experiments.runs.engine import states_of_run
-from trunk_experiments.runs.offline import disturbance_source
+from trunk_experiments.runs.loop_inputs import disturbance_source
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
@@ -190,10 +189,10 @@ def test_states_in_bulk_make_the_same_file(name, tmp_path, monkeypatch):
     monkeypatch.setattr(chunked, "CHUNK_SIZE", 30_000)  # several chunks in one stretch
     expected = one_by_one(plan, tmp_path / "one_by_one.mcap")
     monkeypatch.setattr(engine, "longest", lambda substeps: 70)
-    monkeypatch.setattr(segments, "worth_compiling", lambda *_: False)
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: False)
     assert outcome(plan, tmp_path / "in_bulk.mcap") == expected
-    monkeypatch.setattr(segments, "worth_compiling", lambda *_: True)
-    monkeypatch.setattr(segments, "_plain_code", None)  # CPython's must not be called
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: True)
+    monkeypatch.setattr(engine, "_plain_code", None)  # CPython's must not be called
     assert outcome(plan, tmp_path / "compiled.mcap") == expected
 
 
@@ -201,12 +200,12 @@ def test_cpython_does_it_where_numba_is_missing(monkeypatch):
     plan = short("fig7 pid")
     monkeypatch.setitem(sys.modules, "numba", None)
     monkeypatch.delitem(sys.modules, "trunk_msgs_util.compiled", raising=False)
-    monkeypatch.setattr(segments, "worth_compiling", lambda *_: True)
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: True)
     assert sum(len(states.table) for states in states_of_run(plan)) == 201
     with pytest.raises(ImportError):
         list(states_of_run(plan, compiled=True))
 
 
 def test_short_runs_do_not_load_the_compiler():
-    assert not segments.worth_compiling(short("fig8 pid").simulator)
-    assert segments.worth_compiling(plan_of("fig8 pid", duration=10.0).simulator)
+    assert not engine.worth_compiling(short("fig8 pid").simulator)
+    assert engine.worth_compiling(plan_of("fig8 pid", duration=10.0).simulator)

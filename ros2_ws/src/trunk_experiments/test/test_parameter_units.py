@@ -17,8 +17,7 @@ from trunk_experiments.errors import PlanError
 from trunk_experiments.live.parameters import choosers_of, said_in_si
 from trunk_experiments.plans.files import parse_setting, shipped_files
 from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.plans.turns import parse_swap
+from trunk_experiments.plans.plan import make_plan, parse_swap
 from trunk_experiments.runs.launching import ARGUMENTS, launch_plan
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError, declarations, values_of

@@ -10,7 +10,7 @@ import shutil
 import pyarrow.parquet as pq
 import pytest
 
-from trunk_experiments.analysis.recorded_metrics import recorded_metrics
+from trunk_experiments.analysis.run_table import recorded_metrics
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import verify
 from trunk_experiments.study.file import parse_study

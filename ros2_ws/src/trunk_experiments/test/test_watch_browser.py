@@ -58,7 +58,7 @@ def watched(new_page):
 
 @pytest.fixture(scope="module")
 def swapped(tmp_path_factory):
-    from trunk_experiments.plans.turns import Swap
+    from trunk_experiments.plans.plan import Swap
 
     path = tmp_path_factory.mktemp("watch") / "swapped.mcap"
     swaps = [Swap(1.0, "fuzzy_pid"), Swap(2.8, "pid")]

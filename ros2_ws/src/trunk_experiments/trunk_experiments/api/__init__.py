@@ -20,7 +20,7 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.topic import RecordingError
 from trunk_sim.simulation import DivergedError
 
-from ..analysis.changed_parameters import ChangedParameter
+from ..analysis.parameter_text import ChangedParameter
 from ..errors import LibraryError, PlanError, StudyError, SweepError
 from ._branch import branch
 from ._gains import Limit, explain, limit, tune

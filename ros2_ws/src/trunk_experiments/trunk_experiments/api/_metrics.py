@@ -48,7 +48,7 @@ def metrics(run: Run | AnyPath) -> Metrics:
 
     Raises RecordingError if it cannot be read, or has no true states or no reference.
     """
-    from ..analysis.recorded_metrics import recorded_metrics
+    from ..analysis.run_table import recorded_metrics
 
     values = recorded_metrics(run_of(run)._recorded)
     return Metrics(*(getattr(values, field.name) for field in fields(values)))

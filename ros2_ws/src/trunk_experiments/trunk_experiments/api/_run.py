@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from trunk_msgs_util.parameters.declarations import Value
     from trunk_msgs_util.recording.joint_arrays import Floats
 
-    from ..analysis.changed_parameters import ChangedParameter
+    from ..analysis.parameter_text import ChangedParameter
     from ..analysis.run_table import RunTable
     from ..recorded.run import RecordedRun
 
@@ -105,7 +105,7 @@ class Run:
     @property
     def changed(self) -> tuple[ChangedParameter, ...]:
         """The parameters that were changed while the run went on, by time."""
-        from ..analysis.changed_parameters import changed_parameters
+        from ..analysis.parameter_text import changed_parameters
 
         return tuple(changed_parameters(self._recorded))
 
@@ -180,7 +180,7 @@ class Run:
 
     @cached_property
     def _more(self) -> tuple[Mapping[str, Floats], Mapping[str, Floats]]:
-        from ..analysis.run_terms import disturbance, terms
+        from ..analysis.run_table import disturbance, terms
 
         tables = terms(self._recorded, self._table), disturbance(self._recorded, self._table)
         for columns in tables:

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ..analysis.metrics import QUANTITIES
-from ..analysis.run_table import TABLE_UNITS
-from ..analysis.run_terms import DISTURBANCE
-from ..analysis.run_terms import UNITS as OF_TERMS
+from ..analysis.run_table import DISTURBANCE, TABLE_UNITS
+from ..analysis.run_table import UNITS as OF_TERMS
 
 COLUMNS = tuple(TABLE_UNITS)  # of a run, in order
 

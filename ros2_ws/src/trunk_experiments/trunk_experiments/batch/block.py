@@ -22,8 +22,7 @@ from trunk_sim.disturbances import Signals
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import noisy
 
-from ..analysis.metrics import RunMetrics, metrics_of, steady_from
-from ..analysis.sums import Sums, no_rows
+from ..analysis.metrics import RunMetrics, Sums, metrics_of, no_rows, steady_from
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..runs.loop_inputs import check_compilable

@@ -30,7 +30,7 @@ from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState, rk4_step
 from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, sense, torque_of, torque_on
 
-from ..analysis.sums import Sums, with_row
+from ..analysis.metrics import Sums, with_row
 from ..runs.loop import reading_of
 
 LANES = 16

@@ -23,8 +23,7 @@ from trunk_msgs_util.parameters.declarations import (
 from trunk_sim.config import SimulatorConfig
 
 from ..plans.nodes import CONTROLLERS, NODES
-from ..plans.plan import RunPlan, make_plan
-from ..plans.turns import Swap, turns_of
+from ..plans.plan import RunPlan, Swap, make_plan, turns_of
 
 STEPS = 250
 _RATES = (

@@ -17,8 +17,7 @@ from trunk_msgs_util.units import nanoseconds, seconds
 from trunk_sim.disturbance_config import DisturbanceConfig
 
 from ..errors import PlanError
-from ..plans.files import SCENARIOS, parse_setting, scenario_layers
-from ..plans.layers import config_from
+from ..plans.files import SCENARIOS, config_from, parse_setting, scenario_layers
 from ..plans.nodes import CONTROLLERS, NODES, declared_names
 from ..plans.plan import RunPlan, check_joints, check_rates
 from ..plans.pushes import Push, parse_push, pushed

@@ -17,8 +17,7 @@ from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.source import process_id
 
 from ..plans.plan import RunPlan
-from ..recorded.branch_of import AT, CHANGES, MADE_BY, OF, PARENT
-from ..recorded.run import RecordedRun
+from ..recorded.run import AT, CHANGES, MADE_BY, OF, PARENT, RecordedRun
 from ..runs.engine import Engine
 from ..runs.offline_recording import OfflineRecorder, Progress, Within
 from ..runs.states import FRESH, States

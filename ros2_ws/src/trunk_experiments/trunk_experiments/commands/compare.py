@@ -7,9 +7,8 @@ from pathlib import Path
 
 import click
 
-from ..analysis.changed_parameters import lines_of
 from ..analysis.metrics import QUANTITIES, MetricText
-from ..analysis.parameter_text import differing_texts
+from ..analysis.parameter_text import differing_texts, lines_of
 from ..console.document import json_option, write_json
 from ..console.reading import open_views, show_warnings_of
 from ..console.tables import csv_table, markdown_table, print_table

@@ -13,7 +13,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording, Topic
 from trunk_msgs_util.units import seconds
 
-from ..analysis.changed_parameters import changed_parameters, lines_of
+from ..analysis.parameter_text import changed_parameters, lines_of
 from ..console.document import json_option, write_json
 from ..console.reading import reading, run_values
 from ..console.tables import aligned

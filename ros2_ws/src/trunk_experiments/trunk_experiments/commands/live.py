@@ -21,14 +21,13 @@ from ..console.plan_options import HAND, external_option, files_read, plan_of, p
 from ..console.terminal import line_of, report_error
 from ..errors import GatewayError, PlanError, RunError
 from ..gateway.process import GatewayProcess
-from ..plans.given import checked_namespace
+from ..plans.files import checked_namespace
 from ..recorded.run import RecordedRun
 from ..runs.domain_claim import claimed_domain
 from ..runs.external import connection_lines
 from ..runs.files import BESIDE, RunFiles
 from ..runs.graph import run_graph
-from ..runs.interrupt import Interrupt
-from ..runs.processes import check_nodes_installed
+from ..runs.processes import Interrupt, check_nodes_installed
 from .run import show_run
 
 _REPORT = "report.html"

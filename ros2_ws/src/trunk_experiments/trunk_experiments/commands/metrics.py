@@ -10,7 +10,7 @@ from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.topic import RecordingError
 
 from ..analysis.metrics import QUANTITIES, has_level, missing
-from ..analysis.recorded_metrics import recorded_metrics, table_and_metrics
+from ..analysis.run_table import recorded_metrics, table_and_metrics
 from ..console.document import json_option, write_json
 from ..console.reading import Values, open_run, run_values
 from ..console.tables import print_table

@@ -17,7 +17,7 @@ from ..console.plan_options import (
     plan_options,
     plan_values,
 )
-from ..plans.given import checked_namespace
+from ..plans.files import checked_namespace
 from ..runs.external import connection_lines
 from ..runs.launching import launch_nodes
 

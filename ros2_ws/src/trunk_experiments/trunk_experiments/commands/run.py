@@ -11,7 +11,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware
 from trunk_msgs_util.recording.topic import RecordingError
 
-from ..analysis.recorded_metrics import recorded_metrics
+from ..analysis.run_table import recorded_metrics
 from ..console.document import json_option, write_json
 from ..console.outputs import check_not_read, output_options
 from ..console.plan_options import (

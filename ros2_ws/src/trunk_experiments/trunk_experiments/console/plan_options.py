@@ -9,10 +9,9 @@ import click
 from click.core import ParameterSource
 
 from ..errors import PlanError
-from ..plans.given import checked_external
+from ..plans.files import checked_external
 from ..plans.nodes import CONTROLLERS, UNUSABLE
-from ..plans.plan import RunPlan, make_plan
-from ..plans.turns import parse_swap
+from ..plans.plan import RunPlan, make_plan, parse_swap
 from .options import FiniteRange, Function, Name, Number, names_or_files, parameter_files, scenarios
 from .terminal import show_warnings
 

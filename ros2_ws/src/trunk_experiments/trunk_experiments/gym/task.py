@@ -26,7 +26,7 @@ from ..batch.block import LONGEST, Regular, regular_run
 from ..errors import PlanError, did_you_mean
 from ..plans.plan import RunPlan, make_plan
 from ..runs.engine import Engine, start_of
-from ..runs.offline import check
+from ..runs.loop_inputs import check
 from ..runs.offline_recording import record_states
 
 ACTIONS = ("torque", "gains")

@@ -11,7 +11,7 @@ from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.step import Measurement, Plant, PlantStatus, torque_of
 
-from ..analysis.sums import Sums, with_row
+from ..analysis.metrics import Sums, with_row
 from ..runs.loop import Decision, Keep
 from ..runs.states import FRESH, REFERENCE, keep_states
 

@@ -17,8 +17,7 @@ from trunk_sim.noise import fill
 from trunk_sim.simulation import too_far
 from trunk_sim.step import at_rest, torque_of
 
-from ..analysis.metrics import numbers_of, steady_from
-from ..analysis.sums import no_rows
+from ..analysis.metrics import no_rows, numbers_of, steady_from
 from ..batch.compiled_run import start_of_loop
 from ..export_c.closed_loop import array_in_c, initial
 from ..export_c.emit import library

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import isinf
 
-from ..analysis.sums import SETTLING_BAND_DEG
+from ..analysis.metrics import SETTLING_BAND_DEG
 from .runs import CONTENDERS, Case, Runs
 
 ANGLE = 0.5  # deg: counts as none, on a figure that spans 30 to 100 degrees

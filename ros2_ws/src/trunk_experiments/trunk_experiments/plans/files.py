@@ -2,14 +2,135 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from trunk_msgs_util.parameters.files import Layer, Section, read
+from trunk_msgs_util.parameters.csv_files import numbers_for
+from trunk_msgs_util.parameters.declarations import ParameterError, build, declarations, table_of
+from trunk_msgs_util.parameters.files import Layer, ParameterFileError, Section, read, resolve
+from trunk_msgs_util.parameters.to_si import to_si, written_with_units
+from trunk_msgs_util.text import shortened
+from trunk_msgs_util.yaml_text import YamlTextError, load
 
 from ..errors import PlanError, did_you_mean
-from .given import quoted, value_of
 from .nodes import NODES
+
+
+def quoted(text: str) -> str:
+    """Return a text as an error quotes it."""
+    return repr(shortened(text, 80))
+
+
+def value_of(text: str, origin: str) -> object:
+    """Return the value in a YAML text. Raises PlanError, which begins with ``origin``."""
+    try:
+        value = load(text)
+    except YamlTextError as error:
+        raise PlanError(f"{origin}: the value cannot be read: {error}") from None
+    if isinstance(value, str):
+        with suppress(ValueError):
+            return float(value)  # "inf" is a number to the user, but not to YAML
+    return value
+
+
+def settings_of(texts: Iterable[str]) -> Mapping[str, object]:
+    """Return the values by name of ``NAME=VALUE`` texts; VALUE is YAML. Raises PlanError."""
+    values: dict[str, object] = {}
+    for text in texts:
+        name, equals, value_text = text.partition("=")
+        if not equals or not name:
+            raise PlanError(f"{quoted(text)}: NAME=VALUE is needed, such as gains.p=70")
+        if name in values:
+            raise PlanError(f"{quoted(text)}: {name} is given twice: give one value")
+        value = value_of(value_text, quoted(text))
+        if value is None:
+            raise PlanError(f"{quoted(text)}: no value: give one, an empty text as {name}='\"\"'")
+        values[name] = value
+    return values
+
+
+def checked_external(name: str) -> str:
+    """Return the name that a run with somebody else's controller goes by. Raises PlanError."""
+    if name and not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,99}", name):
+        raise PlanError(
+            f"--external {name!r} is not allowed: letters, digits and _, no digit first, such as my_pd"
+        )
+    if name in NODES:
+        raise PlanError(
+            f"--external {name}: that is a node of this project: give your node another name, "
+            f"or run ours with --controller {name}"
+        )
+    return name
+
+
+def checked_namespace(text: str) -> str:
+    """Return a plan's namespace from a user's ``robot1`` or ``/robot1``; empty: none.
+
+    Raises PlanError.
+    """
+    if text in ("", "/"):
+        return ""
+    namespace = "/" + text.strip("/")
+    if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
+        raise PlanError(
+            f"namespace {text!r} is not allowed: letters, digits and _, no digit first, "
+            "such as robot1 or left/robot1"
+        )
+    return namespace
+
+
+class Resolved(NamedTuple):
+    """A node's configuration, and the parameters in whose values a unit is written."""
+
+    config: Any
+    with_units: set[str]
+
+
+def config_from(node: str, layers: Sequence[Layer], namespace: str) -> Resolved:
+    """Return a node's configuration, the CSV files that the layers name read.
+
+    Raises ParameterFileError naming the layer of a wrong value.
+    """
+    config = NODES[node].config
+    full_name = f"{namespace}/{node}"
+    declared = declarations(config)
+    of_files = numbers_for(full_name, layers, config)
+    values = resolve(full_name, layers, declared) | of_files.values
+    try:
+        return Resolved(
+            build(config, to_si(declared, values)),
+            written_with_units(declared, values) | of_files.with_units,
+        )
+    except ParameterError as error:
+        source = _source(full_name, error.name, layers)
+        note = ""
+        if error.name in written_with_units(declared, values):
+            note = _written(values[error.name], error)
+        raise ParameterFileError(f"{source}: {node}: {error}{note}") from None
+
+
+def _source(node: str, name: str, layers: Sequence[Layer]) -> str:
+    """Return the layer that gave a node its value of a parameter."""
+    for layer in reversed(layers):
+        if any(
+            s.matches(node) and any(key == name or table_of(key, {name}) for key in s.values)
+            for s in layer.sections
+        ):
+            return layer.source
+    return "defaults"
+
+
+def _written(value: object, error: ParameterError) -> str:
+    """Return the value as the file has it, where the error shows it in SI units."""
+    text = str(value)
+    if isinstance(error.value, str) and error.value in text:
+        return ""
+    return f" (written {text if len(text) <= 60 else text[:57] + '...'})"
+
 
 # The profile that a shipped scenario builds on.
 SCENARIOS: dict[str, str] = {

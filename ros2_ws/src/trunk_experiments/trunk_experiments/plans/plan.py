@@ -5,40 +5,153 @@ Offline runs and the graph use the same plan, so that both run the same.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as with_values
-from math import inf
+from math import degrees, inf, isfinite, pi
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import active_at
 from trunk_control.reference_config import ReferenceConfig
 from trunk_msgs_util.parameters.config import RecorderConfig
-from trunk_msgs_util.parameters.declarations import values_of
-from trunk_msgs_util.parameters.files import (
-    Layer,
-    Section,
-    check_names,
-    qos_overrides,
-    read,
-    write,
-)
+from trunk_msgs_util.parameters.declarations import UnitError, declarations, values_of
+from trunk_msgs_util.parameters.files import Layer, Section, check_names, qos_overrides, read, write
+from trunk_msgs_util.parameters.to_si import number_in
 from trunk_msgs_util.topics import EXTERNAL
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 
-from ..errors import PlanError, did_you_mean
-from .doubtful import check_targets, not_taken, suspicious_units
-from .files import find_file, parse_setting, scenario_layers
-from .layers import config_from
-from .nodes import CONTROLLERS, declared_names
-from .operated import Pushes, RealTimeInputs
-from .pushes import with_pushes
+from ..errors import PlanError, closest, did_you_mean
+from .files import config_from, find_file, parse_setting, scenario_layers
+from .nodes import CONTROLLERS, NODES, declared_names
+from .pushes import Pushes, RealTimeInputs, with_pushes
 from .timeline import Change, Timeline
-from .turns import Swap, turns_of
+
+
+class Swap(NamedTuple):
+    """A controller that takes over at a time in s."""
+
+    time: float
+    controller: str
+
+
+def turns_of(first: str, swaps: Sequence[Swap]) -> dict[str, tuple[float, ...]]:
+    """Return each controller's ``active.times``, by name in the order of their first turns.
+
+    Raises PlanError for swaps whose times do not ascend, or that change nothing.
+    """
+    turns: dict[str, list[float]] = {first: [0.0]}
+    now, acting = 0.0, first
+    for time, name in swaps:
+        if time <= now:
+            raise PlanError(
+                f"swap at {time:g}:{name}: times must be above 0 and ascend; the previous is {now:g}"
+            )
+        if name == acting:
+            raise PlanError(f"swap at {time:g}:{name}: {name} is already acting then")
+        turns[acting].append(time)
+        turns.setdefault(name, []).append(time)
+        now, acting = time, name
+    return {name: tuple(times) for name, times in turns.items()}
+
+
+def parse_swap(text: str) -> Swap:
+    """Return the swap that ``T:CONTROLLER`` stands for, T in s or with a unit. Raises PlanError."""
+    time_text, colon, name = text.partition(":")
+    wrong = ""
+    try:
+        time = number_in(time_text, "s")
+        if colon and name in CONTROLLERS and isfinite(time):
+            return Swap(time, name)
+    except UnitError as error:
+        wrong = f"; T is {time_text!r}: {error}"
+    raise PlanError(
+        f"swap at {text!r}: T:CONTROLLER is needed, T in s, "
+        f"CONTROLLER one of {', '.join(CONTROLLERS)}{wrong}"
+    )
+
+
+def check_targets(settings: Iterable[Layer], taking: Sequence[str]) -> None:
+    """Raise PlanError for a single value that no node of the run takes."""
+    for layer in settings:
+        node = layer.sections[0].pattern
+        if node not in taking:
+            acting = ", ".join(name for name in taking if name in CONTROLLERS)
+            raise PlanError(
+                f"{layer.source}: no node of this run takes it: {acting} acts; "
+                f"give --controller {node}, or name another node: {', '.join(taking)}"
+            )
+
+
+def not_taken(files: Iterable[Layer], taking: Sequence[str], namespace: str = "") -> Iterator[str]:
+    """Yield a warning for each file that changes nothing, and each misspelt node.
+
+    ``files``: their relative node names are in the ``namespace`` already.
+    """
+    for layer in files:
+        used = [
+            s for s in layer.sections if any(s.matches(f"{namespace}/{node}") for node in taking)
+        ]
+        names = list(dict.fromkeys(s.last_token for s in layer.sections))
+        for name in names:
+            meant = closest(name, NODES)
+            if name not in NODES and "*" not in name and meant:
+                yield f"{layer.source}: no node is called {name!r}; did you mean {meant!r}?"
+        if not used:
+            patterns = dict.fromkeys(s.pattern for s in layer.sections)
+            full = namespace or any("/" in pattern for pattern in patterns)
+            nodes = [f"{namespace}/{node}" if full else node for node in taking]
+            line = (
+                f"{layer.source}: no node of this run uses anything in it: it is for "
+                f"{', '.join(patterns)}; the run has {', '.join(nodes)}"
+            )
+            elsewhere = [s for s in layer.sections if s.last_token in taking]
+            if elsewhere:
+                name = elsewhere[0].last_token
+                above = "/" + elsewhere[0].pattern.strip("/").rpartition("/")[0]
+                line += f": call the section {name}, or run in the namespace {above}"
+            yield line
+
+
+def suspicious_units(
+    configs: Mapping[str, Any], with_units: Mapping[str, Collection[str]]
+) -> Iterator[str]:
+    """Yield a warning for each angle of more than a turn, and each length beyond a limb's.
+
+    They were most likely meant in degrees, and in centimetres. ``with_units``: by node, the parameters in
+    whose values a unit is written: those are meant.
+    """
+    for node, config in configs.items():
+        values = values_of(config)
+        for name, declared in declarations(type(config)).items():
+            if name in with_units.get(node, ()) or values[name] == declared.default:
+                continue
+            for value in _angles(name, declared.unit, values[name]):
+                if 2.0 * pi < abs(value) < 1e300:
+                    yield (
+                        f"{node}: {name} is {value:g} rad, which is {degrees(value):.0f} degrees: "
+                        "angles are in radians, unless given with a unit, such as 30 deg"
+                    )
+            if name in _LENGTHS and values[name] > LONGEST:  # type: ignore[operator]
+                yield (
+                    f"{node}: {name} is {values[name]:g} m: lengths are in metres, unless given with a unit, "
+                    "such as 60 cm"
+                )
+
+
+LONGEST = 10.0  # m
+_LENGTHS = ("plant.length", "model.length")
+
+
+def _angles(name: str, unit: str | None, value: Any) -> list[float]:
+    if name == "initial.position":
+        return [value[1]]
+    if unit != "rad":
+        return []
+    return [angle for angle in (value if isinstance(value, tuple) else (value,)) if isfinite(angle)]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.operator_input import Applied
 from trunk_sim.traffic import Traffic
 
-from ..plans.operated import Operated
+from ..plans.pushes import Operated
 from .processes import simulator_of
 from .turns import exact_from_ns, idle_ns
 

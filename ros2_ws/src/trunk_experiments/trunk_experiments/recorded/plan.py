@@ -16,8 +16,8 @@ from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, unknown_controllers
-from ..plans.operated import RealTimeInputs
 from ..plans.plan import RunPlan
+from ..plans.pushes import RealTimeInputs
 from .inputs import RecordedInputs
 
 if TYPE_CHECKING:

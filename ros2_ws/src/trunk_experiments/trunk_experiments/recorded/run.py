@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
@@ -28,17 +29,53 @@ from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 from trunk_msgs_util.topics import EXTERNAL, JOINT_STATE_TYPE
 
-from .branch_of import BranchOf, branch_of
 from .joint_table import JointTable
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers
     from trunk_msgs_util.recording.messages import Messages
 
-    from ..plans.operated import Operated
     from ..plans.plan import RunPlan
+    from ..plans.pushes import Operated
     from ..plans.timeline import Change, Timeline
     from .processes import Process
+
+
+# The keys of a branch's provenance.
+OF, PARENT, AT, CHANGES, MADE_BY = (
+    "branch_of",  # SHA-256 of the parent's file
+    "branch_parent",  # its name
+    "branch_at",  # s
+    "branch_changes",
+    "branch_made_by",  # version and commit
+)
+
+
+class BranchOf(NamedTuple):
+    """The run up to ``at`` s is the parent's; what follows was simulated, with these changes."""
+
+    parent: str
+    sha256: str
+    at: float
+    changes: str
+
+    def describe(self) -> str:
+        """Return the parent and the changes in a line."""
+        return (
+            f"from t = {self.at:g} s on simulated with {self.changes}: "
+            f"branch of {self.parent}, SHA-256 {self.sha256[:12]}…"
+        )
+
+
+def branch_of(provenance: Mapping[str, str]) -> BranchOf | None:
+    """Return the parent of a run that is a branch; None if it is not one, or its time is not recorded."""
+    try:
+        at = float(provenance[AT])
+        branch = BranchOf(provenance[PARENT], provenance[OF], at, provenance[CHANGES])
+    except (KeyError, ValueError):
+        return None
+    return branch if isfinite(at) else None
+
 
 LOOP = (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND, topics.DISTURBANCE)
 _ANOTHER_CLOCK = 3_600_000_000_000  # ns: no recorder misses the states of a whole hour and is used

@@ -14,8 +14,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays
 from trunk_msgs_util.units import seconds
 
-from ..analysis.changed_parameters import changed_parameters
-from ..analysis.parameter_text import change_grid, change_text, differing_texts
+from ..analysis.parameter_text import change_grid, change_text, changed_parameters, differing_texts
 from ..recorded.run import RecordedRun
 from .bits import ulps
 

@@ -22,9 +22,7 @@ from ..plans.plan import RunPlan
 from .external import note_of
 from .files import RunFiles
 from .guardian import Guardian
-from .interrupt import Interrupt
-from .processes import NodeProcess, find_executable
-from .stopping import ALL_S, stop
+from .processes import ALL_S, Interrupt, NodeProcess, find_executable, stop
 
 if TYPE_CHECKING:
     from .monitor_node import Monitor

@@ -16,8 +16,9 @@ import subprocess
 import sys
 from contextlib import suppress
 
-from trunk_experiments.runs.stopping import stop
 from trunk_msgs_util.node import early_signals
+
+from .processes import stop
 
 _FIRST, _LAST = b"f", b"l"
 

@@ -11,10 +11,9 @@ from trunk_msgs_util.parameters.to_si import number_in
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 from ..errors import PlanError
-from ..plans.given import checked_external, checked_namespace
+from ..plans.files import checked_external, checked_namespace
 from ..plans.nodes import CONTROLLERS, NODES
-from ..plans.plan import RunPlan, make_plan
-from ..plans.turns import parse_swap
+from ..plans.plan import RunPlan, make_plan, parse_swap
 
 _UNITS = {"speed": "", "rate": "Hz", "duration": "s"}  # of the arguments that are numbers
 RECORDER = "recorder"

@@ -11,20 +11,64 @@ from trunk_control.controller import hip_index
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import Settings
 from trunk_msgs_util.compiled import with_arrays
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.parameters.declarations import Value
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import nanoseconds, step_count
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
-from trunk_sim.disturbances import Disturbance, Signals
+from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import PlantStatus, Scale, of_one_type
 
 from ..errors import PlanError
-from ..plans.operated import Operated
-from ..plans.plan import RunPlan, check_turns
+from ..plans.plan import RunPlan, check_joints, check_turns
+from ..plans.pushes import Operated
 from .loop import Chain, LoopState, Participant, Surroundings
-from .offline import check
 from .schedule import NO_WIRE, Schedule, Wire
+
+
+def check(plan: RunPlan) -> None:
+    """Raise PlanError for a plan that cannot be run without a graph.
+
+    It needs an end, and nobody can publish references or activate a controller.
+    """
+    check_joints(plan)
+    if not plan.simulator.duration:
+        raise PlanError("simulator: duration is 0: an offline run needs an end; set it in s")
+    for name, config in plan.controllers.items():
+        changes = plan.changes.get(name, ())
+        profiles: list[Value | None] = [config.reference_profile]
+        profiles += [(change.values or {}).get("reference.profile") for change in changes]
+        if "topic" in profiles and not plan.references:
+            raise PlanError(
+                f"{name}: reference.profile is 'topic', but nobody publishes references to an offline "
+                "run: give another profile, or run the graph"
+            )
+        activated = any(change.event == Event.ACTIVATED for change in changes)
+        if not (config.autostart or config.active_times or activated):
+            raise PlanError(
+                f"{name}: autostart is false, but nobody activates it in an offline run: "
+                "set it to true, or run the graph"
+            )
+
+
+def disturbance_source(plan: RunPlan) -> Callable[[int], Disturbance]:
+    """Return a function that returns the acting disturbance; its stamps must increase."""
+    if plan.disturbance is None:
+        quiet = Disturbance()
+        return lambda stamp_ns: quiet
+    timeline = plan.timeline("disturbance")
+    signals = plan.disturbance.signals
+
+    def acting(stamp_ns: int) -> Disturbance:
+        nonlocal signals
+        if timeline.advance(stamp_ns):
+            signals = timeline.config.signals
+        return disturbance_at(stamp_ns, signals)
+
+    return acting
+
 
 Seen = Callable[
     [str, int], float | None

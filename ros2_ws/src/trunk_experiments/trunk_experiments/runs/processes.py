@@ -7,11 +7,14 @@ import os
 import shutil
 import signal
 import subprocess
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from types import FrameType
+from typing import BinaryIO, Protocol, TypeVar
 
+from trunk_msgs_util.cpu_deadline import CpuDeadline
 from trunk_msgs_util.node import early_signals
 from trunk_msgs_util.source import process_id
 
@@ -132,3 +135,88 @@ class NodeProcess:
         self.output.seek(0)
         lines = self.output.read().decode("utf-8", errors="replace").strip().splitlines()
         return f"{self.name} {how}" + (f": {lines[-1]}" if lines else f" (log: {self.log})")
+
+
+# A node that ends hands its evidence over within 3 s.
+FIRST_S = 3.7
+# For all: the recorder, too, needs up to 4 s. A death is noticed, and its reason read, within 0.6 s.
+ALL_S = 8.0
+_POLL_S = 0.02
+
+
+class Stoppable(Protocol):
+    """A process, as far as it is to be stopped."""
+
+    @property
+    def pid(self) -> int:
+        """Its id, while it has not been waited for."""
+
+    @property
+    def ended(self) -> bool:
+        """True once it has ended."""
+
+    def signal(self, number: int) -> None:
+        """Send a signal where the process still runs."""
+
+
+Process = TypeVar("Process", bound=Stoppable)
+
+
+def stop(
+    first: Sequence[Process],
+    last: Sequence[Process],
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> list[Process]:
+    """Tell all of ``first`` to end, and ``last`` when they have; kill those that do not.
+
+    ``last`` is the recorder: it has to record the others' last messages. Return those that had to be killed;
+    none is left running.
+    """
+    total = CpuDeadline(ALL_S, clock)
+    killed = _end(first, [CpuDeadline(FIRST_S, clock), total], sleep)
+    return killed + _end(last, [total], sleep)
+
+
+def _end(
+    processes: Sequence[Process], limits: Sequence[CpuDeadline], sleep: Callable[[float], None]
+) -> list[Process]:
+    for process in processes:
+        process.signal(signal.SIGINT)
+    while hung := _left(processes):
+        pids = [process.pid for process in hung]
+        spent = [limit.spent(pids) for limit in limits]
+        if any(spent):
+            break
+        sleep(_POLL_S)
+    for process in hung:
+        process.signal(signal.SIGKILL)
+    while _left(hung):
+        sleep(_POLL_S)
+    return hung
+
+
+def _left(processes: Sequence[Process]) -> list[Process]:
+    return [process for process in processes if not process.ended]
+
+
+class Interrupt:
+    """SIGINT and SIGTERM, kept until ``name`` is polled: nothing is left half started."""
+
+    def __init__(self) -> None:
+        self.name: str | None = None
+        self._handlers = {n: signal.signal(n, self._note) for n in (signal.SIGINT, signal.SIGTERM)}
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.name = signal.Signals(number).name
+
+    def __enter__(self) -> Interrupt:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.restore()
+
+    def restore(self) -> None:
+        """Put the former handlers back."""
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)

@@ -18,7 +18,7 @@ from trunk_msgs_util.parameters.declarations import (
 from ..batch.block import wrong_duration
 from ..errors import PlanError, StudyError
 from ..plans.plan import check_turns
-from ..runs.offline import check
+from ..runs.loop_inputs import check
 from .design import drawn_values
 from .study import ContenderSpec, StudySpec, Target, Variable
 from .targets import FILES, Base, Bases, field_of, is_meant, kind_of, new_value

@@ -10,7 +10,7 @@ from typing import Any
 from trunk_msgs_util.files import atomic_write
 from trunk_sim.simulation import DivergedError
 
-from ..analysis.recorded_metrics import table_and_metrics
+from ..analysis.run_table import table_and_metrics
 from ..errors import StudyError
 from ..plans.plan import RunPlan
 from ..recorded.run import RecordedRun

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from trunk_control.rule_tables import Axes, axes_of, is_table
 from trunk_msgs_util.recording.reader import RecordingError
 
-from ..analysis.changed_parameters import ChangedParameter, changed_parameters
 from ..analysis.metrics import QUANTITIES, has_level, metrics, missing
-from ..analysis.parameter_text import change_grid
+from ..analysis.parameter_text import ChangedParameter, change_grid, changed_parameters
 from ..plans.nodes import CONTROLLERS
-from ..recorded.branch_of import BranchOf
-from ..recorded.run import RecordedRun
+from ..recorded.run import BranchOf, RecordedRun
 from ..replay.diff import RunDiff, diff
 from ..replay.doubts import Doubts, doubts_of
 from .run_view import RunView, labels

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from trunk_msgs_util.units import seconds
 
-from ..analysis.sums import SETTLING_BAND_DEG
+from ..analysis.metrics import SETTLING_BAND_DEG
 from ..replay.doubts import doubts_of
 from .plot_style import line_style
 from .run_view import Pulse, RunView

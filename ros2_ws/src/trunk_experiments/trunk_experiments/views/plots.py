@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from trunk_msgs_util.mechanics import path_height
 
-from ..analysis.sums import SETTLING_BAND_DEG
+from ..analysis.metrics import SETTLING_BAND_DEG
 from .plot_marks import (
     BAND,
     LIMIT,

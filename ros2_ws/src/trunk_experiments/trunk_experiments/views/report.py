@@ -13,9 +13,8 @@ from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
-from ..analysis.changed_parameters import changed_parameters, lines_of
 from ..analysis.metrics import QUANTITIES
-from ..analysis.parameter_text import differing_texts, full_text
+from ..analysis.parameter_text import changed_parameters, differing_texts, full_text, lines_of
 from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
 from .compare import Row, differing_parameters, metric_rows, table_axes, table_grids

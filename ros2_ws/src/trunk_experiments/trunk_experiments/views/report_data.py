@@ -13,7 +13,7 @@ from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.config import SimulatorConfig
 
-from ..analysis.changed_parameters import changed_parameters
+from ..analysis.parameter_text import changed_parameters
 from .own_terms import OwnTerm, gains_told, own_terms, values_of_term
 from .packing import Columns, packed, packed_columns
 from .run_view import INPUTS, Pulse, RunView, labels, off_scale

@@ -12,7 +12,7 @@ from ...console.document import json_option, write_json
 from ...console.options import Number
 from ...console.tables import print_table
 from ...errors import PlanError
-from ...plans.given import checked_namespace
+from ...plans.files import checked_namespace
 from ...runs.domain_claim import claimed_domain
 from ...runs.processes import check_nodes_installed
 

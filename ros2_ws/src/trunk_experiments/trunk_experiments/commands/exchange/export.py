@@ -7,8 +7,7 @@ from pathlib import Path
 
 import click
 
-from ...analysis.run_table import RunTable
-from ...analysis.run_terms import all_columns, column_units
+from ...analysis.run_table import RunTable, all_columns, column_units
 from ...console.document import json_option, write_json
 from ...console.options import Number
 from ...console.outputs import check_output

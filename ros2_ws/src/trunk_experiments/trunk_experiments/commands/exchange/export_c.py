@@ -20,10 +20,9 @@ from ...console.plan_options import ControllerName, parameter_options
 from ...console.reading import open_run
 from ...console.terminal import show_warnings
 from ...errors import PlanError
-from ...plans.doubtful import suspicious_units
-from ...plans.files import find_file, parse_setting
-from ...plans.layers import config_from
+from ...plans.files import config_from, find_file, parse_setting
 from ...plans.nodes import declared_names
+from ...plans.plan import suspicious_units
 from ...recorded.run import RecordedRun
 
 

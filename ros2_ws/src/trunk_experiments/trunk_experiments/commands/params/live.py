@@ -58,8 +58,7 @@ def apply(
         with_numbers,
         with_tables,
     )
-    from ...plans.files import find_file
-    from ...plans.given import checked_namespace
+    from ...plans.files import checked_namespace, find_file
 
     layer, name = read(find_file(file)), full_name(node, checked_namespace(namespace))
     from ...live.parameters_node import LiveParameters
@@ -110,7 +109,7 @@ def set_values(
         with_numbers,
         with_tables,
     )
-    from ...plans.given import checked_namespace, settings_of
+    from ...plans.files import checked_namespace, settings_of
 
     wanted: Mapping[str, object] = settings_of(settings)
     name = full_name(node, checked_namespace(namespace))
