@@ -13,6 +13,7 @@ import numpy as np
 LIMITS = [1.0, 2.0]
 SCALES = {"a": 1.0}
 ROW = np.zeros(3)
+LONG = 2**70
 BOX = SimpleNamespace(value=1.0)
 
 
@@ -273,6 +274,18 @@ def big_number(n):
     return n + 9223372036854775808
 
 
+def big_opposite(x):
+    return float(-(-9223372036854775807 - 1))
+
+
+def big_quotient(x):
+    return float((-9223372036854775807 - 1) // -1)
+
+
+def big_constant(n):
+    return n + LONG
+
+
 def function_or_function(x):
     f = power
     if x > 0.0:
@@ -344,6 +357,9 @@ OUTSIDE = {
     zips: ("zip((x, x), (1.0, 2.0))", "range", X),
     breaks_out_of_unrolled: ("break", "range", X),
     big_number: ("9223372036854775808", "smaller", (1,)),
+    big_opposite: ("-(-9223372036854775807 - 1)", "smaller", X),
+    big_quotient: ("(-9223372036854775807 - 1) // -1", "smaller", X),
+    big_constant: ("LONG", "smaller", (1,)),
     function_or_function: ("f", "another name", X),
     writes_in_an_expression: ("_written(out, x)", "line of its own", (np.zeros(2), 1.0)),
 }

@@ -56,6 +56,7 @@ class Expressions(Operators):
 
     def _outer(self, node: ast.expr, value: Any, name: str) -> Value:
         if isinstance(value, int) and not isinstance(value, bool):
+            self._fitting(value)
             return self.program.known(value, ast.unparse(node))
         if isinstance(value, list | dict | set | bytearray | np.ndarray):
             raise self.refused("it may change", "use a tuple")

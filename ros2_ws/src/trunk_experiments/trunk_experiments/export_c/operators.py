@@ -206,7 +206,7 @@ class Operators(Calls):
         if isinstance(node.op, ast.UAdd):
             return value
         if value.is_known:
-            return self.program.known(
+            return self._fitting(
                 ~value.known if isinstance(node.op, ast.Invert) else -value.known
             )
         sign = "~" if isinstance(node.op, ast.Invert) else "-"
@@ -260,7 +260,7 @@ class Operators(Calls):
         if b.is_known and b.known == 0:
             raise self.refused("a division by 0", "divide by what is not 0")
         if a.is_known and b.is_known:
-            return self.program.known(a.known // b.known if floor else a.known % b.known)
+            return self._fitting(a.known // b.known if floor else a.known % b.known)
         natural = b.type == NATURAL and (a.type == NATURAL or not floor)
         if a.type == NATURAL and b.is_known and b.known > 0:
             return Value(NATURAL, f"({a.code} {'/' if floor else '%'} {b.code})")
