@@ -14,7 +14,7 @@ from pathlib import Path
 from trunk_control.laws import law_named
 from trunk_experiments.errors import NotInstalledError
 from trunk_experiments.export_c.controller import ExportedController
-from trunk_experiments.export_c.source import header, source
+from trunk_experiments.export_c.files import header, source
 
 from .harness import Row
 

@@ -22,8 +22,7 @@ from trunk_control.controller_config import ControllerConfig
 from trunk_control.law import Law
 from trunk_control.laws import law_named
 from trunk_experiments.export_c.controller import ExportedController, ExportedStep
-from trunk_experiments.export_c.files import base_files
-from trunk_experiments.export_c.source import fill_from_bytes
+from trunk_experiments.export_c.files import base_files, fill_from_bytes
 from trunk_experiments.plans.nodes import CONTROLLERS
 
 from ..finished import finished

@@ -22,7 +22,9 @@ from trunk_experiments.batch.compiled_run import (
 )
 from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
-from trunk_experiments.export_c.closed_loop import closed_loop
+from trunk_experiments.export_c.translate import Program
+from trunk_experiments.export_c.types import at_run_time, type_of
+from trunk_experiments.lab.program import with_value
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.runs.loop_inputs import check_compilable, states_of
 from trunk_experiments.runs.schedule import Schedule
@@ -30,6 +32,7 @@ from trunk_msgs_util.recording.joint_arrays import Integers
 
 from ..finished import finished
 
+NAMES = ("states", "surroundings", "state", "participants", "noise", "history", "schedule", "out")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 
 
@@ -37,8 +40,8 @@ def loop_and_arguments(plan: RunPlan) -> tuple[Any, tuple[Any, ...]]:
     """Return a plan's loop, and its arguments as compiled code takes them."""
     states = states_of(plan)
     surroundings, state, participants = start_of_loop(plan)
-    history = np.empty((plan.simulator.delay_steps + 1, 4))
-    out = np.empty((ROWS, states))
+    history = np.zeros((plan.simulator.delay_steps + 1, 4))
+    out = np.zeros((ROWS, states))
     rest = (_noise(plan, states), history, Schedule(stamp_ns=jittered_stamps(plan, states)), out)
     loop = loop_of(*(law_named(name) for name in plan.controllers))
     return loop, (states, surroundings, state, participants, *rest)
@@ -53,30 +56,50 @@ def jittered_stamps(plan: RunPlan, states: int) -> Integers | None:
     return np.arange(states) * period_ns + off
 
 
+def closed_loop(loop: Any, arguments: tuple[Any, ...]) -> str:
+    """Return a loop as C with `trunk_loop_run`, which fills the table of `trunk_loop_out`."""
+    program = Program()
+    f = program.function(loop, [type_of(argument) for argument in arguments])
+    pairs = zip(NAMES, arguments, strict=True)
+    values = {name: value for name, value in pairs if at_run_time(type_of(value))}
+    statics = [line for name in values for line in with_value(program, name, values[name])]
+    gives = program.c_type(f.result)
+    given = [f"&{name}" if isinstance(value, tuple) else name for name, value in values.items()]
+    tail = "\n".join(
+        [
+            *statics,
+            "static bool diverged;",
+            "double *trunk_loop_out(void);",
+            "double *trunk_loop_out(void) { return out_data; }",
+            "bool trunk_loop_diverged(void);",
+            "bool trunk_loop_diverged(void) { return diverged; }",
+            "int64_t trunk_loop_run(void);",
+            "int64_t trunk_loop_run(void) {",
+            f"const {gives} next = {f.name}({', '.join(given)});",
+            "diverged = next.item1;",
+            "return next.item0; }",
+        ]
+    )
+    return f"{program.library(tail)}\n{tail}\n"
+
+
 def table_in_c(plan: RunPlan, folder: Path) -> tuple[Any, bool]:
     """Return the table of a plan's run as the loop in C fills it, and True if the plant diverged."""
-    program = closed_loop(*loop_and_arguments(plan))
+    loop, arguments = loop_and_arguments(plan)
     source, library = folder / "loop.c", folder / "loop.so"
-    source.write_text(program.text)
+    source.write_text(closed_loop(loop, arguments))
     compiler = shutil.which("gcc") or shutil.which("clang") or "cc"
     words = [compiler, *STRICT, "-O2", "-shared", "-fPIC", str(source), "-o", str(library)]
     done = finished(words)
     assert done.returncode == 0, done.stderr
     code = ctypes.CDLL(str(library))
-    places: dict[str, Any] = {}
-    for path, array in program.arrays.items():
-        function = getattr(code, array.function)
-        function.restype = ctypes.c_void_p
-        kind = ctypes.c_int64 if array.values.dtype == np.int64 else ctypes.c_double
-        size = max(array.values.size, 1)
-        places[path] = np.ctypeslib.as_array((kind * size).from_address(function()))
-        if not array.inline and path != "out":
-            places[path][:] = array.values.reshape(-1)
+    code.trunk_loop_out.restype = ctypes.c_void_p
     code.trunk_loop_run.restype = ctypes.c_int64
     code.trunk_loop_diverged.restype = ctypes.c_bool
     states = code.trunk_loop_run()
-    table = places["out"].reshape(ROWS, -1)[:, :states].copy()
-    return table, bool(code.trunk_loop_diverged())
+    size = arguments[-1].size
+    out = np.ctypeslib.as_array((ctypes.c_double * size).from_address(code.trunk_loop_out()))
+    return out.reshape(ROWS, -1)[:, :states].copy(), bool(code.trunk_loop_diverged())
 
 
 def compare(plan: RunPlan, folder: Path) -> bool:

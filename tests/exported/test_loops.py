@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from trunk_experiments.batch.random_plans import random_plan
-from trunk_experiments.export_c.closed_loop import closed_loop
 from trunk_experiments.export_c.translate import Program
 from trunk_experiments.export_c.types import type_of
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_sim.links import DRAWS, Link, simulate_link
 from trunk_sim.noise import fill
 
-from .loops import loop_and_arguments
+from .loops import closed_loop, loop_and_arguments
 
 needs_compiler = pytest.mark.skipif(
     not (shutil.which("gcc") or shutil.which("clang")), reason="no C compiler: apt-get install gcc"
@@ -42,5 +41,5 @@ def test_the_text_of_a_loop_has_nothing_of_memory_that_nobody_wrote(monkeypatch)
         monkeypatch.setattr(
             np, "empty", lambda shape, dtype=float, n=number: np.full(shape, n, dtype)
         )
-        texts.add(closed_loop(*loop_and_arguments(random_plan(13))).text)
+        texts.add(closed_loop(*loop_and_arguments(random_plan(13))))
     assert len(texts) == 1

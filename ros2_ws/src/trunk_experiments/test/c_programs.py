@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 
-from trunk_experiments.export_c.emit import library
 from trunk_experiments.export_c.translate import Program
 from trunk_experiments.export_c.types import (
     BOOLEAN,
@@ -50,8 +49,6 @@ class Compiled:
         places = [i for i, t in enumerate(types) if at_run_time(t)]
         self._read = [i for i in places if i not in fixed]
         self._types = types
-        results = f.outputs or ([("result", f.result)] if at_run_time(f.result) else [])
-        self._results = [t for _, t in results]
         head, body, arguments = [], [], []
         for i in places:
             kind = self.program.c_type(types[i])
@@ -65,16 +62,8 @@ class Compiled:
                     f"a{i}{path} = {_reader(t)};" for path, t in leaves(self.program, types[i])
                 ]
             arguments.append(f"&a{i}" if isinstance(types[i], RecordType) else f"a{i}")
-        for name, t in results:
-            body.append(f"{self.program.c_type(t)} {name};")
-        if f.outputs:
-            body.append(
-                f"{f.name}({', '.join([*arguments, *(f'&{name}' for name, _ in results)])});"
-            )
-        else:
-            body.append(f"{'result = ' if results else ''}{f.name}({', '.join(arguments)});")
-        for name, t in results:
-            body += [f"{_writer(kind)}({name}{path});" for path, kind in leaves(self.program, t)]
+        body.append(f"{self.program.c_type(f.result)} result = {f.name}({', '.join(arguments)});")
+        body += [f"{_writer(kind)}(result{path});" for path, kind in leaves(self.program, f.result)]
         roots = "\n".join([*head, *body])
         main = "\n".join(
             [
@@ -95,7 +84,7 @@ class Compiled:
                 "}",
             ]
         )
-        self.text = library(self.program, roots) + main + "\n"
+        self.text = self.program.library(roots) + main + "\n"
         self.folder = Path(mkdtemp(prefix="trunk-c-"))
         self._build(flags)
 
@@ -118,7 +107,7 @@ class Compiled:
         done = subprocess.run(
             [*prefix, str(self.binary)], input=b"".join(data), capture_output=True, check=True
         )
-        kinds = [kind for t in self._results for _, kind in leaves(self.program, t)]
+        kinds = [kind for _, kind in leaves(self.program, self.translated.result)]
         code = "".join("d" if kind == REAL else "q" for kind in kinds)
         size = 8 * len(code)
         chunks = [done.stdout[i : i + size] for i in range(0, len(done.stdout), size)]
@@ -133,19 +122,8 @@ class Compiled:
         return [
             k
             for k, (mine, result) in enumerate(zip(computed, results, strict=True))
-            if not same(mine, list(self.flat(result)))
+            if not same(mine, list(_flat(result, self.translated.result)))
         ]
-
-    def flat(self, result: Any) -> Iterator[Any]:
-        """Yield the numbers of a result of Python."""
-        plain = (
-            isinstance(self.translated.result, RecordType) and self.translated.result.kind is None
-        )
-        if plain:
-            for item, t in zip(result, self.translated.result.types, strict=True):
-                yield from _flat(item, t)
-        else:
-            yield from _flat(result, self.translated.result)
 
 
 def same(a: Sequence[Any], b: Sequence[Any]) -> bool:

@@ -16,9 +16,9 @@ from trunk_control.controller import Controller, settings_of
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import decide
 from trunk_control.laws import law_named
-from trunk_experiments.export_c.constants import real_literal
 from trunk_experiments.export_c.controller import ExportedController
 from trunk_experiments.export_c.files import base_files
+from trunk_experiments.export_c.program import real_literal
 from trunk_experiments.export_c.replay import swinging_rows
 from trunk_experiments.plans.nodes import CONTROLLERS
 

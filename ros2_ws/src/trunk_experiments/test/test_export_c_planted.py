@@ -6,15 +6,8 @@ import ast
 
 import pytest
 
-from trunk_experiments.export_c import (
-    calls,
-    constants,
-    function,
-    helpers,
-    operators,
-    translate,
-)
-from trunk_experiments.export_c.types import UntranslatableError, Value
+from trunk_experiments.export_c import program, translate
+from trunk_experiments.export_c.types import BOOLEAN, UntranslatableError, Value
 
 from . import translatable as t
 from .c_programs import needs_compiler
@@ -27,9 +20,9 @@ def helper(name, old, new):
     """Change a helper's text."""
 
     def plant(monkeypatch):
-        text = helpers.HELPERS[name]
+        text = program.HELPERS[name]
         assert old in text
-        monkeypatch.setitem(helpers.HELPERS, name, text.replace(old, new))
+        monkeypatch.setitem(program.HELPERS, name, text.replace(old, new))
 
     return plant
 
@@ -46,7 +39,7 @@ def changed(owner, name, change):
 
 
 def not_greater_is_less(monkeypatch):
-    before = function.Translator._x_unaryop
+    before = translate._Function._x_unaryop
 
     def wrong(self, node):
         inner = node.operand
@@ -57,35 +50,38 @@ def not_greater_is_less(monkeypatch):
             return self.expression(opposite)
         return before(self, node)
 
-    monkeypatch.setattr(function.Translator, "_x_unaryop", wrong)
+    monkeypatch.setattr(translate._Function, "_x_unaryop", wrong)
 
 
 def globals_first(monkeypatch):
-    before = function.Translator._x_name
+    before = translate._Function._x_name
 
     def wrong(self, node):
         known = node.id in self.python.__globals__
-        if known and node.id not in {n for n, _ in self.arguments}:
+        if (
+            known
+            and node.id not in self.python.__code__.co_varnames[: self.python.__code__.co_argcount]
+        ):
             node = ast.copy_location(ast.Name(node.id, ast.Load()), node)
             value = self.python.__globals__[node.id]
             return self._outer(node, value, node.id)
         return before(self, node)
 
-    monkeypatch.setattr(function.Translator, "_x_name", wrong)
+    monkeypatch.setattr(translate._Function, "_x_name", wrong)
 
 
 def names_ignored(monkeypatch):
-    before = function.Translator._bound
+    before = translate._Function._bound
 
     def wrong(self, callee, given, named):
         return before(self, callee, [*given, *named.values()], {})
 
-    monkeypatch.setattr(function.Translator, "_bound", wrong)
+    monkeypatch.setattr(translate._Function, "_bound", wrong)
 
 
-def writes_in_place(monkeypatch):
-    monkeypatch.setattr(function, "may_write_in_place", lambda *_: True)
-    monkeypatch.setattr(function.Translator, "_read_before", lambda self, value, *_: value)
+def field_by_field(monkeypatch):
+    """A record that reads itself is set field by field."""
+    monkeypatch.setattr(translate._Function, "store", translate._Function._fill)
 
 
 def every_branch(monkeypatch):
@@ -93,16 +89,18 @@ def every_branch(monkeypatch):
 
     def wrong(self, node):
         terms = [self.expression(operand).code for operand in node.values]
-        return Value(operators.BOOLEAN, f"({' || '.join(terms)})")
+        return Value(BOOLEAN, f"({' || '.join(terms)})")
 
-    monkeypatch.setattr(function.Translator, "_x_boolop", wrong)
+    monkeypatch.setattr(translate._Function, "_x_boolop", wrong)
 
 
-def reversed_outputs(monkeypatch):
-    before = calls.Calls._written
-    monkeypatch.setattr(
-        function.Translator, "_written", lambda self, f, places: before(self, f, places[::-1])
-    )
+def reversed_results(monkeypatch):
+    before = translate._Function.fields
+
+    def wrong(self, value):
+        return before(self, value)[:: 1 if value.parts is not None else -1]
+
+    monkeypatch.setattr(translate._Function, "fields", wrong)
 
 
 def or_for_and(value):
@@ -131,12 +129,12 @@ FAULTS = {
     ),
     "not a > b is a <= b": (not_greater_is_less, t.nan_comparisons),
     "a chain of comparisons is or": (
-        changed(function.Translator, "_x_compare", or_for_and),
+        changed(translate._Function, "_x_compare", or_for_and),
         t.chained,
     ),
-    "results in the other order": (reversed_outputs, t.several_results),
+    "results in the other order": (reversed_results, t.several_results),
     "parallel assignment one by one": (
-        attribute(function.Translator, "mentions", lambda self, *_: False),
+        attribute(translate._Function, "reads", lambda self, *_: False),
         t.swaps,
     ),
     "a local name means the global": (globals_first, t.shadows),
@@ -145,13 +143,13 @@ FAULTS = {
     "floor truncates": (helper("floor_of", "i - 1 : i", "i : i"), t.numbers),
     "abs keeps the sign of -0.0": (helper("real_abs", "x + 0.0", "x"), t.numbers),
     "constants in fifteen digits": (
-        attribute(constants, "definition", lambda number: f"{number:.15g}"),
+        attribute(program, "definition", lambda number: f"{number:.15g}"),
         t.elementary,
     ),
-    "a result is written over its argument": (writes_in_place, t.writes_over),
+    "a record that reads itself is set field by field": (field_by_field, t.keeps_order),
     "and, or evaluate everything": (every_branch, t.short_circuits),
     "- adds": (
-        lambda monkeypatch: monkeypatch.setitem(operators._ARITHMETIC, ast.Sub, ("+", int.__sub__)),
+        lambda monkeypatch: monkeypatch.setitem(translate._ARITHMETIC, ast.Sub, ("+", int.__sub__)),
         t.swaps,
     ),
     "an element too early": (

@@ -5,14 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import random
+import struct
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from trunk_control.controller import Controller, settings_of
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import (
+    Output,
     Reading,
     Seen,
     activated,
@@ -24,16 +26,21 @@ from trunk_control.decide import (
 from trunk_control.law import Hip, Law, LawMemory, Sample
 from trunk_control.laws import package_of
 from trunk_control.limits import Limits, limited
-from trunk_msgs_util.parameters.declarations import values_of
+from trunk_msgs_util.parameters.declarations import (
+    Declaration,
+    ParameterError,
+    build,
+    declarations,
+    values_of,
+)
 from trunk_msgs_util.units import seconds
 
-from .leaves import Leaf, leaves_of
 from .translate import Program
-from .types import RecordType, Static, Type, at_run_time, type_of
+from .types import REAL, RecordType, Static, Type, type_of
 
 _PUBLIC = ("reset", "update", "activate", "deactivate", "parameters", "retune", "self_test")
 _ANSWERS = 8  # of the self-test
-
+_FACTORS = (1.0009765625, 0.9990234375, 1.0732421875, 0.8798828125)
 
 # The numbers of an input, as files and tables have them: their names, their types in C.
 CELLS = {
@@ -72,6 +79,14 @@ class ExportedStep(NamedTuple):
         return r.stamp_ns, *motion, r.has_reference, r.reference, self.effort
 
 
+class Leaf(NamedTuple):
+    """A parameter that is a number of the constants: its declaration, its name and its place in C."""
+
+    declaration: Declaration
+    name: str
+    place: str  # behind the constants
+
+
 @dataclass
 class ExportedController:
     """A controller's translation. ``bare``: the law's update alone; ``name``: in C, by default the law's.
@@ -105,6 +120,14 @@ class ExportedController:
         if self.bare:
             self.initial = LawState(memory, Sample(0.0, 0.0, 0.0, 0.0))
         self.state_type = state = type_of(self.initial, changing=memory_class)
+        no_terms = self.settings.no_terms
+        self.input_type = type_of(Reading(0, 0.0, 0.0))
+        self.output_type = type_of(Output(False, 0.0, False, False, 0.0, no_terms))
+        if self.bare:
+            self.input_type, self.output_type = type_of(self.initial.sample), type_of(no_terms)
+        for t in (state, self.constants_type, self.input_type, self.output_type):
+            p.c_type(t)
+        self.public_records = list(p.records)  # of the header; the others are of the source alone
         functions = [Static(law.update), Static(law.transfer)]
         given = [state, self.input_type, self.settings_type, self.constants_type, *functions]
         if self.bare:
@@ -117,34 +140,7 @@ class ExportedController:
             self.deactivate = p.function(deactivated, [state])
         tuned = [state, Static(law), self.constants_type, self.constants_type, limits]
         self.retune = p.function(law_retuned if self.bare else reconfigured, tuned)
-        self.leaves: list[Leaf] = leaves_of(config, p, self.constants_type)
-
-    @property
-    def input_type(self) -> RecordType:
-        """The record that an update takes."""
-        t = type_of(Sample(0.0, 0.0, 0.0, 0.0)) if self.bare else type_of(Reading(0, 0.0, 0.0))
-        assert isinstance(t, RecordType)
-        return t
-
-    @property
-    def output_type(self) -> RecordType:
-        """The record that an update gives."""
-        t = self.update.outputs[-1][1]
-        assert isinstance(t, RecordType)
-        return t
-
-    @cached_property
-    def public_records(self) -> list[RecordType]:
-        """The records of the header, each behind those that it contains."""
-        wanted: set[RecordType] = set()
-        for t in (self.state_type, self.constants_type, self.input_type, self.output_type):
-            _add(t, wanted)
-        return [record for record in self.program.records if record in wanted]
-
-    @cached_property
-    def private_records(self) -> list[RecordType]:
-        """The records of the source alone."""
-        return [record for record in self.program.records if record not in self.public_records]
+        self.leaves = list(_leaves_of(config, p, self.constants_type))
 
     @property
     def values(self) -> dict[str, Any]:
@@ -162,7 +158,7 @@ class ExportedController:
     @property
     def fingerprint(self) -> str:
         """The fingerprint of the sources that were translated: 16 hex digits of SHA-256."""
-        files = {Path(f.python.__code__.co_filename) for f in self.program.ordered}
+        files = {Path(f.python.__code__.co_filename) for f in self.program.functions.values()}
         digest = hashlib.sha256()
         for path in sorted(files, key=lambda path: (path.name, str(path))):
             digest.update(path.read_bytes())
@@ -220,8 +216,40 @@ class ExportedController:
         return Sample(reading.reference, reading.position, reading.velocity, dt, reading.hip)
 
 
-def _add(t: Type, wanted: set[RecordType]) -> None:
-    if isinstance(t, RecordType) and at_run_time(t):
-        wanted.add(t)
-        for inner in t.types:
-            _add(inner, wanted)
+def _leaves_of(config: ControllerConfig, program: Program, t: Type) -> Iterator[Leaf]:
+    """Yield the parameters that may change while the controller runs and are one number of its constants.
+
+    Each is tried with other values: exactly that number takes the value, bit by bit, and all else keeps its
+    bits.
+    """
+    for name, declared in declarations(type(config)).items():
+        if declared.fixed or declared.kind != "double":
+            continue
+        places = {_place_of(config, name, factor, program, t) for factor in _FACTORS} - {None}
+        if len(places) == 1 and (place := places.pop()):
+            yield Leaf(declared, name.replace(".", "_"), place)
+
+
+def _place_of(
+    config: ControllerConfig, name: str, factor: float, program: Program, t: Type
+) -> str | None:
+    """Return the number that a parameter is; empty if it is none, None if the value is not allowed."""
+    values = values_of(config)
+    value = float(values[name]) * factor or 0.001953125 * factor  # type: ignore[arg-type]
+    try:
+        other = build(type(config), {**values, name: value})
+    except ParameterError:
+        return None
+    before, after = (list(_numbers(program, c.constants, t)) for c in (config, other))
+    changed = [new for old, new in zip(before, after, strict=False) if old != new]
+    one = len(after) == len(before) and len(changed) == 1
+    return changed[0][0] if one and changed[0][1] == struct.pack("<d", value) else ""
+
+
+def _numbers(program: Program, value: Any, t: Type, place: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the places of the doubles of a value and their bits; everything else as it is."""
+    if isinstance(t, RecordType):
+        for i, (item, inner) in enumerate(zip(value, t.types, strict=True)):
+            yield from _numbers(program, item, inner, f"{place}.{program.field(t, i)}")
+    else:
+        yield place, struct.pack("<d", value) if t == REAL else repr(value)

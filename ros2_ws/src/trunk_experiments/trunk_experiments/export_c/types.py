@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,9 +33,7 @@ class Scalar:
 
 REAL, BOOLEAN, NOTHING = Scalar("float", "double"), Scalar("bool", "bool"), Scalar("None", "")
 INTEGER = Scalar("int", "int64_t")
-NATURAL = Scalar("int >= 0", "int64_t")  # as an index it needs no wrapping around
-INTEGERS = (INTEGER, NATURAL)
-NUMBERS = (REAL, INTEGER, NATURAL)
+NUMBERS = (REAL, INTEGER)
 
 
 @dataclass(frozen=True)
@@ -89,31 +87,24 @@ class Static:
 
 
 Type = Scalar | RecordType | TableType | Array | Static
-UNKNOWN = object()
 
 
 @dataclass(frozen=True)
 class Value:
-    """An expression: its type, its C code, and, where the translator knows it, its value.
+    """An expression: its type, its C code, and its value where the translator knows it.
 
-    ``parts``: the fields of a record that is not in memory yet. ``place``: the code is an lvalue.
+    ``parts``: the fields of a record that is not in memory yet.
     """
 
     type: Type
     code: str = ""
-    known: Any = field(default=UNKNOWN, compare=False)
+    known: int | None = None  # an int or a bool
     parts: tuple[Value, ...] | None = None
-    place: bool = False
-
-    @property
-    def is_known(self) -> bool:
-        """True if the translator knows the number."""
-        return self.known is not UNKNOWN
 
 
 def _alike(types: Iterable[Type]) -> bool:
-    kinds = {INTEGER if t in INTEGERS else t for t in types}
-    return len(kinds) == 1 and kinds <= {REAL, INTEGER}
+    kinds = set(types)
+    return len(kinds) == 1 and kinds <= set(NUMBERS)
 
 
 def at_run_time(t: Type) -> bool:
@@ -121,18 +112,6 @@ def at_run_time(t: Type) -> bool:
     if isinstance(t, RecordType):
         return any(map(at_run_time, t.types))
     return not isinstance(t, Static) and t != NOTHING
-
-
-def stored(t: Type) -> Type:
-    """Return the type that a value has in a record: an int of any sign."""
-    return INTEGER if t == NATURAL else t
-
-
-def joined(a: Type, b: Type) -> Type | None:
-    """Return the type of a variable that has values of both types; None if there is none."""
-    if a == b:
-        return a
-    return INTEGER if a in INTEGERS and b in INTEGERS else None
 
 
 def type_of(value: Any, tables: bool = True, changing: tuple[type[Any], ...] = ()) -> Type:

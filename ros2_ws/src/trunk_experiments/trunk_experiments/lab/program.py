@@ -19,9 +19,8 @@ from trunk_sim.step import at_rest, torque_of
 
 from ..analysis.metrics import no_rows, numbers_of, steady_from
 from ..batch.compiled_run import start_of_loop
-from ..export_c.closed_loop import array_in_c, initial
-from ..export_c.emit import library
-from ..export_c.translate import Program
+from ..export_c.program import Translated
+from ..export_c.translate import Program, indented
 from ..export_c.types import (
     INTEGER,
     REAL,
@@ -122,6 +121,31 @@ def _numbers(program: Program, place: str, path: str, value: Any, t: Type) -> It
         yield LoopNumber("", "", value)
 
 
+def with_value(program: Program, name: str, value: Any) -> list[str]:
+    """Return the definition of a variable with a value, behind those of its arrays, ``PATH_data``."""
+    t, lines = type_of(value), list[str]()
+    program.names.add(name)
+    text = _initial(program, name, value, t, lines)
+    return [*lines, f"static {program.c_type(t)} {name} = {text};"]
+
+
+def _initial(program: Program, path: str, value: Any, t: Type, lines: list[str]) -> str:
+    """Return the initialiser of a value; the definitions of its arrays' elements are appended to lines."""
+    if isinstance(t, Array):
+        items = value.reshape(-1).tolist() or [0]
+        text = f" = {{{', '.join(map(program.literal, items))}}}" if any(items) else ""
+        lines.append(f"static {t.element.c} {path}_data[{len(items)}]{text};")
+        return f"{{{path}_data, {', '.join(map(str, value.shape))}}}"
+    if not isinstance(t, RecordType):
+        return program.initial(value, t)
+    inside = ", ".join(
+        _initial(program, f"{path}_{name}", item, inner, lines)
+        for name, item, inner in zip(t.names, value, t.types, strict=True)
+        if at_run_time(inner)
+    )
+    return f"{{{{{inside}}}}}" if t.row else f"{{{inside}}}"
+
+
 @dataclass
 class LabProgram:
     """A plan's run with one controller, as C; its functions are called by name from WebAssembly.
@@ -157,32 +181,20 @@ class LabProgram:
             "return places[index];",
         )
         tail = "\n\n".join([*self._statics, *self._functions])
-        self.text = f"{library(self._program, tail)}\n{tail}\n{_COPIES}"
+        self.text = f"{self._program.library(tail)}\n{tail}\n{_COPIES}"
 
     def _static(self, name: str, value: Any) -> str:
-        """Add a variable with a value, and its arrays; return it as an argument."""
-        t = type_of(value)
-        self._arrays(name, value, t)
-        self._program.names.add(name)
-        if isinstance(t, Array):
-            text = array_in_c(name, value)
-        else:
-            text = initial(self._program, name, value, t)
-        self._statics.append(f"static {self._program.c_type(t)} {name} = {text};")
-        return f"&{name}" if isinstance(t, RecordType) else name
+        """Add a variable with a value; return it as an argument."""
+        self._statics += with_value(self._program, name, value)
+        return f"&{name}" if isinstance(value, tuple) else name
 
-    def _arrays(self, path: str, value: Any, t: Type) -> None:
-        if isinstance(t, RecordType):
-            for name, item, inner in zip(t.names, value, t.types, strict=True):
-                self._arrays(f"{path}_{name}", item, inner)
-        elif isinstance(t, Array):
-            items = value.reshape(-1).tolist() or [0]
-            text = f" = {{{', '.join(map(self._program.literal, items))}}}" if any(items) else ""
-            self._statics.append(f"static {t.element.c} {path}_data[{len(items)}]{text};")
+    def _call(self, f: Translated, *arguments: str) -> str:
+        """Return the definition of ``next``, which is what a function returns."""
+        return f"const {self._program.c_type(f.result)} next = {f.name}({', '.join(arguments)});"
 
     def _export(self, head: str, *lines: str) -> None:
         """Add a function that is called from outside."""
-        body = "\n".join(f"    {line}" for line in lines)
+        body = "\n".join(indented(lines))
         self._functions.append(f"{head};\n{head} {{\n{body}\n}}")
         self.exports.append(head.partition("(")[0].split()[-1].lstrip("*"))
 
@@ -201,18 +213,14 @@ class LabProgram:
             segment_of(law, keep=keep_with_drive(len(self.columns) - 1), tell=write_terms),
             [INTEGER, INTEGER, *types],
         )
-        arguments = ", ".join(self._static(name, value) for name, value in given.items())
-        self._statics += [
-            f"static {self._program.c_type(type_of(state))} next_state;",
-            "static int32_t ended;",
-        ]
+        arguments = [self._static(name, value) for name, value in given.items()]
+        self._statics.append("static int32_t ended;")
         self._export(
             "int32_t advance(int32_t first, int32_t stop)",
-            "int64_t count, end;",
-            f"{f.name}(first, stop, {arguments}, &count, &end, &next_state);",
-            "state = next_state;",
-            "ended = (int32_t)end;",
-            "return (int32_t)count;",
+            self._call(f, "first", "stop", *arguments),
+            "state = next.item2;",
+            "ended = (int32_t)next.item1;",
+            "return (int32_t)next.item0;",
         )
         self._export("int32_t how_it_ended(void)", "return ended;")
         plant = type_of(surroundings.plant)
@@ -226,17 +234,15 @@ class LabProgram:
             f"return {f.name}(state.trunk.effort, state.effort, &surroundings.plant);",
         )
         f = self._program.function(at_rest, [type_of(state.trunk.state), plant])
-        self._static("at_start", state.trunk)
         self._export(
             "void begin(void)",
-            f"{f.name}(&state.trunk.state, &surroundings.plant, &at_start);",
-            "state.trunk = at_start;",
+            f"state.trunk = {f.name}(&state.trunk.state, &surroundings.plant);",
         )
         for name in ("table", "noise", "schedule_push"):
             self._export(f"double *{name}_of(void)", f"return {name}_data;")
         f = self._program.function(disturbance_at, [INTEGER, type_of(surroundings.signals)])
         self._static("disturbance", Disturbance())
-        call = f"{f.name}(index * surroundings.period_ns, &surroundings.signals, &disturbance);"
+        call = f"disturbance = {f.name}(index * surroundings.period_ns, &surroundings.signals);"
         self._export(
             "void *disturbance_in(int32_t index)",
             call if surroundings.disturbed else "(void)index;",
@@ -266,17 +272,15 @@ class LabProgram:
         f = program.function(
             reconfigured, [memory_type, Static(law), constants, constants, settings.types[0]]
         )
-        self._statics.append(f"static {program.c_type(memory_type)} memory;")
         first = program.field(t, 0)
         own = f".{first}.{program.field(t.types[0], 1)}"
-        limits = f".{first}.{program.field(t.types[0], 0)}.{program.field(settings, 0)}"
-        held = f"state.memories.{first}"
-        old, new = (
-            [f"&{name}{own}"] if at_run_time(constants) else []
-            for name in ("before", "participants")
+        limits = (
+            f"&participants.{first}.{program.field(t.types[0], 0)}.{program.field(settings, 0)}"
         )
-        arguments = ", ".join([f"&{held}", *old, *new, f"&participants{limits}", "&memory"])
-        self._export("void take_over(void)", f"{f.name}({arguments});", f"{held} = memory;")
+        held = f"state.memories.{first}"
+        both = [f"&before{own}", f"&participants{own}"] if at_run_time(constants) else []
+        call = f"{f.name}({', '.join([f'&{held}', *both, limits])})"
+        self._export("void take_over(void)", f"{held} = {call};")
 
     def _metrics(self) -> None:
         """Add the metrics: ``measure`` from the first state on, row by row of the table, then ``metrics``."""
@@ -289,22 +293,19 @@ class LabProgram:
         rows = program.function(with_rows, [t, INTEGER, INTEGER, INTEGER, REAL, INTEGER, table])
         level = program.function(steady_from, [REAL])
         period = self.plan.simulator.period_ns
-        self._statics.append(f"static {program.c_type(t)} next_measured;")
         self._export(
             "void measure(int32_t first, int32_t count, int32_t states)",
             "if (first == 0) {",
             "    measured = begun;",
             "}",
             f"const double end = (double)((states - 1) * INT64_C({period})) / 1e9;",
-            f"{rows.name}(&measured, first, count, {period}, {level.name}(end), "
-            f"{len(self.columns) - 1}, table, &next_measured);",
-            "measured = next_measured;",
+            f"measured = {rows.name}(&measured, first, count, {period}, {level.name}(end), "
+            f"{len(self.columns) - 1}, table);",
         )
         f = program.function(numbers_of, [sums, REAL])
-        self._statics.append(f"static {program.c_type(f.outputs[0][1])} numbers;")
-        self._export(
-            "void *metrics(void)", f"{f.name}(&measured.sums, 0.0, &numbers);", "return &numbers;"
-        )
+        self._statics.append(f"static {program.c_type(f.result)} numbers;")
+        call = f"numbers = {f.name}(&measured.sums, 0.0);"
+        self._export("void *metrics(void)", call, "return &numbers;")
 
     def _noise(self) -> None:
         """Add the samples of random bits: ``noise`` from ``bits``."""
@@ -324,6 +325,6 @@ class LabProgram:
         self._static("fired", Fired(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         self._export(
             "void *rules(double error, double rate)",
-            f"{f.name}(error, rate, {', '.join(names)}, &fired);",
+            f"fired = {f.name}(error, rate, {', '.join(names)});",
             "return &fired;",
         )
