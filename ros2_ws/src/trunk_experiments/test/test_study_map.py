@@ -15,13 +15,18 @@ from trunk_experiments.cli import trunk
 from trunk_experiments.console import tables
 from trunk_experiments.errors import StudyError
 from trunk_experiments.study import map as study_map
-from trunk_experiments.study.compare import FELL, compare_study, difference_of
-from trunk_experiments.study.curves import draw_curves
+from trunk_experiments.study.compare import (
+    FELL,
+    Falls,
+    compare_study,
+    difference_of,
+    mean_and_median,
+    wilson,
+    worst_runs,
+)
 from trunk_experiments.study.file import parse_study
-from trunk_experiments.study.intervals import mean_and_median, wilson
-from trunk_experiments.study.map import axis_of, panels
+from trunk_experiments.study.map import axis_of, draw_curves, panels
 from trunk_experiments.study.results import Results
-from trunk_experiments.study.summary import Falls, worst_runs
 from trunk_experiments.study.sweep import SweepJob, processes
 
 STUDY = """

@@ -8,9 +8,8 @@ import math
 import pytest
 
 from trunk_experiments.errors import StudyError
-from trunk_experiments.study.bases import make_bases
 from trunk_experiments.study.file import parse_study
-from trunk_experiments.study.resolved import identity
+from trunk_experiments.study.rows import identity, make_bases
 
 HEAD = """
 scenario: fig8

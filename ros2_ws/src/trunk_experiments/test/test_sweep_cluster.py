@@ -13,10 +13,9 @@ from contextlib import suppress
 import pytest
 
 from trunk_experiments.errors import StudyError
-from trunk_experiments.study import cluster as sweep_cluster
-from trunk_experiments.study.cluster import dask_runner
+from trunk_experiments.study import sweep as sweep_cluster
 from trunk_experiments.study.file import parse_study
-from trunk_experiments.study.sweep import SweepJob, processes
+from trunk_experiments.study.sweep import SweepJob, dask_runner, processes
 
 distributed = pytest.importorskip("distributed")
 

@@ -13,12 +13,12 @@ from click.testing import CliRunner
 from trunk_experiments.cli import trunk
 from trunk_experiments.errors import StudyError, SweepError
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.study import design
+from trunk_experiments.study import study as design
 from trunk_experiments.study import sweep as module
-from trunk_experiments.study.draws import Distribution
 from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.map import panels
 from trunk_experiments.study.results import Results
+from trunk_experiments.study.study import Distribution
 from trunk_experiments.study.sweep import SweepJob, processes, run_block
 from trunk_msgs_util import compiled
 from trunk_msgs_util.parameters.declarations import values_of
@@ -146,7 +146,7 @@ DECIDE_NUMBERS = [
     "trunk_msgs_util/units.py",
     "trunk_msgs_util/parameters/body.py",
     "trunk_msgs_util/parameters/declarations.py",
-    "trunk_experiments/study/draws.py",
+    "trunk_experiments/study/study.py",
     "trunk_experiments/study/sweep.py",
 ]
 

@@ -148,8 +148,7 @@ class Sweep:
         ``floquet``: also draw where the linearised loop becomes unstable, which takes longer.
         Raises StudyError for a name that is not a grid of numbers.
         """
-        from ..study.curves import draw_curves
-        from ..study.map import draw, panels
+        from ..study.map import draw, draw_curves, panels
 
         if x == y:
             raise StudyError(f"map: x and y are both {x!r}: give two different grids")

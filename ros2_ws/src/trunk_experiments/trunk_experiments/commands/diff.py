@@ -74,8 +74,7 @@ def _is_sweep(path: Path) -> bool:
 
 
 def _diff_studies(ctx: click.Context, a: Path, b: Path, as_json: bool) -> NoReturn:
-    from ..study.diff import diff_studies
-    from ..study.results import Results
+    from ..study.results import Results, diff_studies
 
     difference = diff_studies(Results.read(a), Results.read(b))
     if as_json:

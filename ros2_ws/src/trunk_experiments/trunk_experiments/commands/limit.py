@@ -288,9 +288,9 @@ def _study(
 ) -> None:  # fmt: skip
     import numpy as np
 
-    from ..study.bases import make_bases
     from ..study.file import read_study
     from ..study.limit import condition_lines, conditions_of, survival
+    from ..study.rows import make_bases
     from ..study.study import Target
 
     if output is not None:
@@ -318,7 +318,7 @@ def _study(
         target = Target(node, array, int(index) if index else None)
         curves = survival(study, target, values, progress)
     if output is not None:
-        from ..study.curves import draw_survival
+        from ..study.map import draw_survival
         from ..views.plot_style import save, with_unit
 
         title = f"{name}: {next(iter(curves.values())).runs} runs at each value, 95 % intervals"

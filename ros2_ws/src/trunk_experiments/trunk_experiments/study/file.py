@@ -1,33 +1,44 @@
-"""A study's file: strictly checked YAML, each mistake one line. docs/sweep.md describes it."""
+"""A study's file: strictly checked YAML, each mistake one line. docs/sweep.md describes it.
+
+A number may have a unit: one of those of the parameters that its entry varies.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from importlib.resources import files
+from math import degrees
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
+from trunk_msgs_util.parameters.declarations import UnitError, declarations, looks_like_quantity
+from trunk_msgs_util.parameters.to_si import read_quantity, units_of
+from trunk_msgs_util.text import shortened
 from trunk_msgs_util.yaml_text import YamlTextError, load
 
 from ..errors import DrawError, StudyError, did_you_mean
-from ..plans.nodes import CONTROLLERS
-from .draws import DISTRIBUTIONS, Distribution
+from ..plans.nodes import CONTROLLERS, NODES
 from .study import (
+    DISTRIBUTIONS,
     HOWS,
     MAX_RUNS,
     RESERVED,
     SPACINGS,
     ContenderSpec,
+    Distribution,
     Scalar,
     StudySpec,
     Target,
     Variable,
 )
-from .tree import TreeReader, shown
-from .units import Units, units_for, written_in
+
+_UNIT = re.compile(r"[-+.\d]+(?:[eE][-+]?\d+)?\s*(\D.*)")
+Units = tuple[tuple[str, ...], ...]  # a number has to fit each inner tuple, by any one of its units
 
 
 def shipped_studies() -> dict[str, Path]:
@@ -60,8 +71,83 @@ def parse_study(text: str, source: str) -> StudySpec:
     return _Reader(source).study(tree, text)
 
 
-class _Reader(TreeReader):
-    """Turns a YAML tree into a study."""
+class _Reader:
+    """Turns a YAML tree into a study. All methods raise StudyError, which names file and place."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+
+    def error(self, place: str, message: str) -> StudyError:
+        return StudyError(f"{self.source}: {place}: {message}")
+
+    def mapping(self, value: object, place: str, known: tuple[str, ...] = ()) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            raise self.error(place, f"is {_quoted(value)}: a mapping is needed")
+        for key in value:
+            if known and key not in known:
+                raise self.error(place, f"unknown key {key!r}: one of {', '.join(known)}")
+        return value
+
+    def text(self, value: object, place: str, choices: tuple[str, ...] = ()) -> str:
+        if not isinstance(value, str) or (choices and value not in choices):
+            raise self.error(
+                place, f"is {_quoted(value)}: {', '.join(choices) or 'text'} is needed"
+            )
+        return value
+
+    def texts(self, value: object, place: str) -> tuple[str, ...]:
+        items = [value] if isinstance(value, str) else value
+        if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
+            raise self.error(place, f"is {_quoted(value)}: a list of strings is needed")
+        return tuple(items)
+
+    def number(self, value: object, place: str, units: Units = ()) -> float:
+        if units and isinstance(value, str) and looks_like_quantity(value):
+            try:
+                value = number_of(value, units)
+            except UnitError as error:
+                raise self.error(place, f"is {_quoted(value)}: {error}") from None
+        if isinstance(value, str) and re.fullmatch(r"[-+.\deE]+", value):
+            try:
+                return float(value)  # "1e-3" is a number to the user, but not to YAML 1.1
+            except ValueError:
+                pass
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise self.error(place, f"is {_quoted(value)}: a finite number is needed")
+        return float(value)
+
+    def integer(self, value: object, place: str, low: int, high: int) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self.error(
+                place, f"is {_quoted(value)}: a whole number from {low} to {high} is needed"
+            )
+        return value
+
+    def optional(self, entries: Mapping[str, Any], key: str, unit: str) -> float | None:
+        if key not in entries:
+            return None
+        value = self.number(entries[key], key, ((unit,),))
+        if value <= 0.0:
+            raise self.error(key, f"is {value:g}: a number > 0 is needed")
+        return value
+
+    def scalars(self, values: list[object], place: str, units: Units = ()) -> tuple[Scalar, ...]:
+        scalars = tuple(self.scalar(value, place, units) for value in values)
+        kinds = {type(value) if isinstance(value, bool | str) else float for value in scalars}
+        if len(kinds) > 1:
+            raise self.error(
+                place, f"is {_quoted(values)}: all numbers, all strings or all bools are needed"
+            )
+        return scalars
+
+    def scalar(self, value: object, place: str, units: Units) -> Scalar:
+        if isinstance(value, bool | int):
+            return value
+        quantity = units and isinstance(value, str) and looks_like_quantity(value)
+        plain = r"[-+]?[\d.]+[eE][-+]?\d+"
+        if isinstance(value, str) and not quantity and not re.fullmatch(plain, value):
+            return value
+        return self.number(value, place, units)
 
     def study(self, tree: object, text: str) -> StudySpec:
         known = ("scenario", "controllers", "params", "set", "rate", "duration")
@@ -152,7 +238,7 @@ class _Reader(TreeReader):
             self.mapping(entry, place, ("values",))
             values = entry["values"]
             if not isinstance(values, list) or not values:
-                raise self.error(f"{place}.values", f"is {shown(values)}: a list is needed")
+                raise self.error(f"{place}.values", f"is {_quoted(values)}: a list is needed")
             return self.scalars(values, f"{place}.values", units)
         self.mapping(entry, place, ("values", "distribution", "from", "to", "steps", "spacing"))
         for key in ("from", "to", "steps"):
@@ -177,7 +263,7 @@ class _Reader(TreeReader):
                 raise self.error(place, f"distribution {kind}: {key} is missing")
         choices = entry.get("values", [])
         if not isinstance(choices, list) or ("values" in needed and not choices):
-            raise self.error(f"{place}.values", f"is {shown(choices)}: a list is needed")
+            raise self.error(f"{place}.values", f"is {_quoted(choices)}: a list is needed")
         numbers = {
             key: self.number(entry[key], f"{place}.{key}", units)
             for key in (*needed, *optional)
@@ -187,3 +273,82 @@ class _Reader(TreeReader):
             return Distribution(kind, self.scalars(choices, f"{place}.values", units), **numbers)
         except DrawError as error:
             raise self.error(place, f"distribution {kind}: {error}") from None
+
+
+def _quoted(value: object) -> str:
+    """Return a value as an error quotes it."""
+    return shortened(repr(value), 60)
+
+
+def units_for(targets: Sequence[Target], how: str, contenders: Sequence[ContenderSpec]) -> Units:
+    """Return the units of an entry's numbers; none where a parameter is no double.
+
+    A factor has no unit. Which unit counts where another parameter chooses it, `check_units` says.
+    """
+    units: dict[tuple[str, ...], None] = {}
+    for target in targets:
+        for node in {target.node_with(contender): None for contender in contenders}:
+            declared = declarations(NODES[node].config).get(target.name)
+            if declared is None:  # refused later, by name
+                continue
+            if not declared.kind.startswith("double"):
+                return ()
+            elements = units_of(declared)
+            units[elements[min(target.index or 0, len(elements) - 1)]] = None
+    return (("",),) if how == "factor" else tuple(units)
+
+
+def written_in(entry: Mapping[str, object]) -> tuple[str, ...]:
+    """Return the numbers with units in an entry's values, as written."""
+    items = [
+        item for value in entry.values() for item in (value if isinstance(value, list) else [value])
+    ]
+    return tuple(item for item in items if isinstance(item, str) and looks_like_quantity(item))
+
+
+def number_of(text: str, units: Units) -> float:
+    """Return a number with a unit in SI units. Raises UnitError unless it fits all of ``units``."""
+    numbers = [read_quantity(text, *allowed) for allowed in units]
+    return numbers[0]
+
+
+def shown_unit(study: StudySpec, v: Variable) -> tuple[str, float]:
+    """Return the unit in which a variable's numbers are shown, and what its SI numbers are multiplied by.
+
+    It is the one of the entry's first number that has one, else the parameter's, angles in degrees; empty
+    where several are possible.
+    """
+    if v.how == "factor":
+        return "factor", 1.0
+    allowed = {unit for units in units_for(v.targets, v.how, study.contenders) for unit in units}
+    if len(allowed) > 1:  # another parameter chooses
+        chosen = {unit for target in v.targets for unit in _chosen(study, target)}
+        allowed = chosen if len(chosen) == 1 else allowed
+    typed = _UNIT.sub(r"\1", v.written[0]) if v.written else ""
+    for unit in allowed if typed else ():
+        with suppress(UnitError):
+            scale = 1.0 / read_quantity(f"1 {typed}", unit)
+            return (unit if scale == 1.0 else "°" if unit == "rad" else typed), scale
+    if allowed == {"rad"}:
+        return "°", degrees(1.0)
+    return (min(allowed), 1.0) if len(allowed) == 1 else ("", 1.0)
+
+
+def shown(study: StudySpec, name: str, value: object) -> str:
+    """Return one of a study's numbers with the unit in which it is shown; anything else as it is."""
+    if not isinstance(value, float | int) or isinstance(value, bool):
+        return str(value)
+    unit, scale = shown_unit(study, next(v for v in study.variables if v.name == name))
+    number = f"{value * scale:.6g}"
+    return number + unit if unit == "°" else f"{number} {unit}".replace(" factor", " times").strip()
+
+
+def _chosen(study: StudySpec, target: Target) -> Iterable[str]:
+    """Yield the unit that a study's own settings choose for a parameter."""
+    declared = (
+        declarations(NODES[target.node].config).get(target.name) if target.node in NODES else None
+    )
+    for text in study.settings if declared and declared.unit_by else ():
+        name, _, value = text.partition("=")
+        if declared and name == f"{target.node}.{declared.unit_by}":
+            yield from units_of(declared, {declared.unit_by: value})[0]

@@ -23,13 +23,10 @@ from ..errors import RunError, StudyError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 from ..tuning.search import Space, space_of
-from .bases import make_bases, plan_of
-from .compare import MeanDifference, difference_of
-from .design import design
-from .intervals import Estimate, wilson
+from .compare import Estimate, MeanDifference, difference_of, wilson
 from .results import FALLEN_DEG
-from .study import StudySpec
-from .targets import Bases
+from .rows import Bases, make_bases, plan_of
+from .study import StudySpec, design
 
 _SPREAD = 0.25  # of the search's first candidates, in widths of the space
 _INSIDE = 0.02, 0.98

@@ -18,10 +18,9 @@ from ..batch.lanes import LANES
 from ..errors import PlanError, StudyError
 from ..plans.plan import RunPlan
 from ..plans.pushes import UNITS, Push
-from .bases import make_bases, plan_of
-from .design import design
-from .intervals import Estimate, wilson
-from .study import StudySpec, Target, Variable
+from .compare import Estimate, wilson
+from .rows import make_bases, plan_of
+from .study import StudySpec, Target, Variable, design
 
 PlanAt = Callable[[float], RunPlan]
 _FEW = 6  # start times in a line

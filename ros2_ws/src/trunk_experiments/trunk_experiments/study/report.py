@@ -21,16 +21,14 @@ from ..analysis.metrics import QUANTITIES
 from ..errors import StudyError
 from ..parts.inline import part
 from ..views.plot_style import drawn
-from .compare import MeanDifference, compare_study
-from .curves import draw_curves, drawn_parameters, scatter
-from .intervals import RESAMPLES
-from .map import draw, panels
-from .results import METRICS, Results
-from .summary import (
+from .compare import (
+    RESAMPLES,
     Falls,
+    MeanDifference,
     MetricDistribution,
     Worst,
     bins_of,
+    compare_study,
     counts_in,
     distributions,
     estimate_text,
@@ -39,6 +37,8 @@ from .summary import (
     percent,
     worst_runs,
 )
+from .map import draw, draw_curves, drawn_parameters, panels, scatter
+from .results import METRICS, Results
 
 WORST = 10
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"

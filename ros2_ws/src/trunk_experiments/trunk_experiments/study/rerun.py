@@ -15,9 +15,9 @@ from ..errors import StudyError
 from ..plans.plan import RunPlan
 from ..recorded.run import RecordedRun
 from ..runs.offline_recording import Progress, record_offline
-from .bases import plan_of
-from .design import design
 from .results import METRICS, Results
+from .rows import plan_of
+from .study import design
 
 
 @dataclass(frozen=True)

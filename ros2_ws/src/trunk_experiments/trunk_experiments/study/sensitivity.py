@@ -22,13 +22,11 @@ from scipy.stats import bootstrap, qmc, sobol_indices
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..errors import StudyError
-from .compare import FELL
-from .design import design
-from .intervals import CONFIDENCE, Estimate
+from .compare import CONFIDENCE, FELL, Estimate
 from .results import METRICS, Results
-from .study import StudySpec, Variable
+from .rows import Bases
+from .study import StudySpec, Variable, design
 from .sweep import RunBlock, Runner
-from .targets import Bases
 
 RESAMPLES = 999
 _BELOW_1 = 1.0 - 2.0**-53

@@ -14,6 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
 from platform import libc_ver, machine
 from typing import Any
@@ -34,14 +35,14 @@ from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
 from ..errors import PlanError, StudyError, SweepError
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan
-from .bases import make_bases, plan_of
-from .design import design
-from .resolved import difference, digest, identity, plans_json
-from .study import StudySpec
-from .targets import Bases
+from .rows import Bases, difference, digest, identity, make_bases, plan_of, plans_json
+from .study import StudySpec, design
 
 METRICS = tuple(RunMetrics.__dataclass_fields__)
 _PROGRAM, _CONTENT = "sources", "study_content"  # keys of a block's metadata
+_CONNECT_S = 10.0  # to a Dask cluster
+_IN_FLIGHT = 4  # blocks per thread of the cluster
+_RETRIES = 3  # of a task whose worker was lost; the scheduler itself allows as many
 Progress = Callable[[int], None]  # takes the number of finished runs
 
 
@@ -270,6 +271,60 @@ def processes(count: int) -> Runner:
 
 def _indexed(block: RunBlock) -> tuple[int, pa.Table]:
     return block.index, run_block(block)
+
+
+def dask_runner(address: str) -> Runner:
+    """Return a runner on the Dask cluster whose scheduler listens at an address (tcp://HOST:PORT).
+
+    A block whose worker dies is run again by another. Raises StudyError if Dask is not installed or
+    the scheduler does not answer.
+    """
+    try:
+        from distributed import Client, as_completed
+        from distributed.scheduler import KilledWorker
+    except ImportError:
+        raise StudyError(
+            "--scheduler: dask.distributed is not installed; install it with: "
+            "pip install -r requirements/cluster.txt"
+        ) from None
+
+    def run(blocks: Iterable[RunBlock]) -> Iterator[tuple[int, pa.Table]]:
+        try:
+            client: Any = Client(address, timeout=_CONNECT_S)
+        except (OSError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise StudyError(f"--scheduler {address}: no scheduler answers: {reason}") from None
+        with client:
+            left = iter(blocks)
+            numbers: dict[Any, int] = {}
+            done = as_completed()
+
+            def submit() -> None:
+                """Keep every thread of the cluster busy, with no more blocks in memory than that needs."""
+                most = _IN_FLIGHT * max(1, sum(client.nthreads().values()))
+                for block in islice(left, max(0, most - len(numbers))):
+                    task = client.submit(run_block, block, retries=_RETRIES, pure=False)
+                    numbers[task] = block.index
+                    done.add(task)
+
+            submit()
+            for future in done:
+                index = numbers.pop(future)
+                if future.status == "error":
+                    raise SweepError(_lost(index, future.exception(), KilledWorker))
+                yield index, future.result()
+                submit()
+
+    return run
+
+
+def _lost(block: int, reason: Exception, killed: type[Exception]) -> str:
+    if isinstance(reason, killed):
+        return (
+            f"block {block}: its workers died one after another; finished blocks are kept: "
+            "run the same command again"
+        )
+    return f"block {block}: {type(reason).__name__}: {reason}"
 
 
 def outcome_counts(path: Path) -> dict[str, int]:

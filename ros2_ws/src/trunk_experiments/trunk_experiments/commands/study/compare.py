@@ -15,13 +15,15 @@ from ...console.document import json_option, write_json
 from ...console.options import results_argument
 from ...console.progress import progress_bar
 from ...console.tables import csv_table, markdown_table, print_table
-from ...study.compare import FELL, MeanDifference, compare_study
-from ...study.intervals import RESAMPLES, Estimate
-from ...study.results import METRICS, Results
-from ...study.summary import (
+from ...study.compare import (
+    FELL,
+    RESAMPLES,
+    Estimate,
     Falls,
+    MeanDifference,
     MetricDistribution,
     bins_of,
+    compare_study,
     counts_in,
     distributions,
     estimate_text,
@@ -29,6 +31,7 @@ from ...study.summary import (
     number_text,
     percent,
 )
+from ...study.results import METRICS, Results
 
 Row = tuple[str, ...]
 _BARS = "·▁▂▃▄▅▆▇█"

@@ -58,8 +58,7 @@ def command(
     cross: more than half of the draws fell. Floquet multipliers are those of the loop linearised about the
     upright trunk, with the hip driven at its initial speed and no torque limit.
     """
-    from ...study.curves import draw_curves
-    from ...study.map import draw, panels
+    from ...study.map import draw, draw_curves, panels
     from ...study.results import Results
     from ...views.plot_style import SUFFIXES, save
 

@@ -15,7 +15,7 @@ from ...console.tables import print_table
 from ...console.terminal import show_warnings
 
 if TYPE_CHECKING:
-    from ...study.intervals import Estimate
+    from ...study.compare import Estimate
     from ...study.sensitivity import Sensitivity
 
 _METRICS = ("iae", "effort", "peak_torque")
@@ -50,8 +50,8 @@ def command(study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_j
     First order: the share of a metric's variance due to a parameter alone. Total: its interactions with all
     others included. A run that fell counts as the worst of those that stood; how many fell is shown first.
     """
-    from ...study.bases import make_bases
     from ...study.file import read_study
+    from ...study.rows import make_bases
     from ...study.sensitivity import check_sensitivity, sensitivities, total_runs
     from ...study.sweep import processes
 

@@ -81,7 +81,7 @@ def command(
         click.echo(f"diverged, as in the sweep: {line_of(diverged)}")
     elif run.fell:
         click.echo("fell, as in the sweep")
-    from ...study.units import shown
+    from ...study.file import shown
 
     study = run.results.study
     drawn = ", ".join(f"{name} {shown(study, name, value)}" for name, value in run.varied.items())

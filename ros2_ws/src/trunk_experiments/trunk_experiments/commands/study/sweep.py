@@ -94,7 +94,7 @@ def run_sweep(
         missing = len(sweep.missing)
         runner = processes(max(1, min(jobs or len(os.sched_getaffinity(0)), missing)))
     else:
-        from ...study.cluster import dask_runner
+        from ...study.sweep import dask_runner
 
         runner = dask_runner(scheduler)
     with progress_bar("runs") as tell:

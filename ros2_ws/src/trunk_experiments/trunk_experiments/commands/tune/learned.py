@@ -6,10 +6,8 @@ from math import isfinite
 from typing import Any
 
 from ...console.tables import print_table
-from ...study.compare import MeanDifference
-from ...study.intervals import Estimate
+from ...study.compare import Estimate, MeanDifference, estimate_text, number_text, percent
 from ...study.learning import DrawnRuns, LearningOutcome
-from ...study.summary import estimate_text, number_text, percent
 
 
 def differences(learned: LearningOutcome, metric: str) -> list[MeanDifference]:
