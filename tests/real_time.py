@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.plans.pushes import RealTimeInputs
@@ -23,8 +24,6 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.schemas import deserialize, event, parse_event, serialize, stamp_of
 from trunk_msgs_util.recording.writer import RecordingWriter
-
-from .edited import ANEW, copied
 
 EVENTS, INPUTS = "/run/events", f"/{topics.PLANT_INPUTS}"
 COMMAND = "/effort_command"

@@ -8,6 +8,7 @@ from math import inf, nextafter
 import numpy as np
 import pytest
 from ros2_ws.src.trunk_experiments.test.stepwise import steps
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import NONE, copied
 
 import trunk_experiments.api as trunk
 from trunk_experiments.batch.block import key_of, regular_run, summaries, summary_of
@@ -20,8 +21,6 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.tuning.floquet import floquet
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.samples import JointSample
-
-from .edited import NONE, copied
 
 GAIT = [
     "simulator.path.amplitude=0",

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import COLUMNS, RunTable
@@ -21,7 +22,6 @@ from trunk_msgs_util.recording.schemas import event
 from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
-from .edited import ANEW, copied
 from .real_time import record_real_time, source_of
 
 

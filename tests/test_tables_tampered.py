@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay.verdict import VERIFIED
@@ -13,7 +14,6 @@ from trunk_experiments.replay.verify import verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import Recording
 
-from .edited import ANEW, copied
 from .tampering.messages import PARAMETERS, TOPIC, parsed, store
 
 SETTINGS = [

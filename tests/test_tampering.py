@@ -9,10 +9,10 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import content
 
 from trunk_msgs_util.events import Event
 
-from .edited import content
 from .tampering.accepted_edits import ACCEPTED
 from .tampering.bases import OFFLINE, make_base
 from .tampering.event_edits import event_edits

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, NONE, copied
 
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.errors import PlanError
@@ -23,8 +24,6 @@ from trunk_experiments.views.report_data import report_data
 from trunk_experiments.views.run_view import RunView
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
-
-from .edited import ANEW, NONE, copied
 
 EVENTS = "/run/events"
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.branching.branch import Branch
 from trunk_experiments.plans.plan import make_plan
@@ -17,7 +18,6 @@ from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import RecordingError
 
-from ..edited import ANEW, copied
 from ..real_time import late_inputs, record_real_time
 from ..same_bits.paths import branched_at
 

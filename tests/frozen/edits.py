@@ -7,12 +7,13 @@ from collections.abc import Collection, Hashable, Iterator
 from functools import cache
 from pathlib import Path
 
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, Content, content
+
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
 from trunk_msgs_util.recording.schemas import parse_event, parse_parameter_event
 
-from ..edited import ANEW, Content, content
 from ..tampering.bases import BASES, make_base
 from ..tampering.check import _DURATION_S
 from ..tampering.kit import Outcome, copy_of, edits_of, outcome

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import Content, content, copied
 
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import event, parameter_event
 
-from ..edited import Content, content, copied
 from ..finished import finished
 from ..tampering.kit import copy_of
 from . import caught, verdicts

@@ -9,13 +9,13 @@ import time
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 from sensor_msgs.msg import JointState
 
 from trunk_experiments.replay.verify import UNJUDGED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
 
-from ..edited import ANEW, copied
 from .peer import Peer
 from .processes import Children
 

@@ -6,6 +6,7 @@ import struct
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 from std_srvs.srv import Trigger
 
 from trunk_experiments.branching.branch import Branch
@@ -18,7 +19,6 @@ from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import nanoseconds, seconds
 
-from ..edited import ANEW, copied
 from ..same_bits.paths import branched_at, difference
 from .lifecycle import Life
 from .peer import Peer

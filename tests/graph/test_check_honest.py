@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
-from ..edited import ANEW, copied
 from ..honest.trial import KINDS, draw
 from ..honest.whole import Content, lacking
 from ..tampering.bases import REAL_TIME, make_base

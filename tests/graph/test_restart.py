@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.node.conversions import stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
 
-from ..edited import ANEW, copied
 from .peer import Peer
 from .processes import Children
 

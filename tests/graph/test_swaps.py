@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.replay.verdict import Verdict
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
 
-from ..edited import ANEW, copied
 from .lifecycle import Life
 from .peer import Peer
 from .processes import Child, Children

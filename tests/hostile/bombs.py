@@ -8,23 +8,36 @@ from pathlib import Path
 
 import lz4.frame
 import zstandard
+from mcap.records import Attachment, Metadata
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
+    channel,
+    chunk,
+    message,
+    record,
+    schema,
+    write_records,
+)
 
 from trunk_msgs_util.recording import schemas
+from trunk_msgs_util.topics import (
+    DIAGNOSTIC_ARRAY_TYPE,
+    JOINT_STATE_TYPE,
+    PARAMETER_EVENT_TYPE,
+)
 
-from . import mcap_bytes as m
-from .tampered import COMMAND, FAR_NS, GIVEN, SAID, SEEN, TRUTH
+from .tampered import COMMAND, FAR_NS, GIVEN, SAID, SEEN, TRUTH, joint_state
 
 MB = 1 << 20
-_DESCRIBED = m.schema(1, m.JOINT_STATE) + m.channel(1, TRUTH)
+_DESCRIBED = schema(1, JOINT_STATE_TYPE) + channel(1, TRUTH)
 
 
 def _joints(number: int, k: int, names: list[str], frame: str = "") -> bytes:
     values = [0.1] * len(names)
-    return m.message(number, k, m.joint_state(k * 10**7, names, values, values, values, frame))
+    return message(number, k, joint_state(k * 10**7, names, values, values, values, frame))
 
 
 def _packed(records: bytes) -> bytes:
-    return m.chunk(records)
+    return chunk(records)
 
 
 def _many(each: bytes, count: int) -> bytes:
@@ -33,7 +46,7 @@ def _many(each: bytes, count: int) -> bytes:
     piece = each * 1000
     packed = b"".join(compressor.compress(piece) for _ in range(count // 1000))
     packed += compressor.compress(each * (count % 1000)) + compressor.flush()
-    return m.chunk(b"", size=len(each) * count, packed=packed)
+    return chunk(b"", size=len(each) * count, packed=packed)
 
 
 def names_one_by_one(count: int = 20_000) -> Iterator[bytes]:
@@ -43,7 +56,10 @@ def names_one_by_one(count: int = 20_000) -> Iterator[bytes]:
 
 def names_at_once(count: int = 1_000_000) -> Iterator[bytes]:
     """One message names a million joints."""
-    yield _packed(_DESCRIBED + m.message(1, 0, m.joint_state(0, [f"{k}" for k in range(count)])))
+    names = b"".join(b"\x08\0\0\0%07d\0" % k for k in range(count))
+    empty = joint_state(0, [])  # it ends with four counts of 0
+    data = empty[:-16] + struct.pack("<I", count) + names + empty[-12:]
+    yield _packed(_DESCRIBED + message(1, 0, data))
 
 
 def names_changing() -> Iterator[bytes]:
@@ -65,108 +81,110 @@ def channels_repeated(chunks: int = 100) -> Iterator[bytes]:
     """Chunks with nothing but the same channel, again and again."""
     yield _DESCRIBED
     for _ in range(chunks):
-        yield _many(m.channel(1, TRUTH), 200_000)
+        yield _many(channel(1, TRUTH), 200_000)
 
 
 def channels_for_one_topic(count: int = 65_535) -> Iterator[bytes]:
     """One topic on every channel there is, a message on each."""
-    yield m.schema(1, m.JOINT_STATE)
-    yield _packed(b"".join(m.channel(k, TRUTH) for k in range(1, count)))
+    yield schema(1, JOINT_STATE_TYPE)
+    yield _packed(b"".join(channel(k, TRUTH) for k in range(1, count)))
     yield _packed(b"".join(_joints(k, k, ["hip", "trunk"]) for k in range(1, count)))
 
 
 def channels(count: int = 65_536) -> Iterator[bytes]:
     """As many topics as there are numbers, a message on each."""
-    yield m.schema(1, m.JOINT_STATE)
-    yield _packed(b"".join(m.channel(k, f"/t{k}") for k in range(count)))
+    yield schema(1, JOINT_STATE_TYPE)
+    yield _packed(b"".join(channel(k, f"/t{k}") for k in range(count)))
     yield _packed(b"".join(_joints(k, k, ["hip", "trunk"]) for k in range(count)))
 
 
 def channels_in_many_chunks(count: int = 3000) -> Iterator[bytes]:
     """A topic and a message on it in each of many chunks."""
-    yield m.schema(1, m.JOINT_STATE)
+    yield schema(1, JOINT_STATE_TYPE)
     for k in range(count):
-        yield m.chunk(m.channel(k, f"/t{k}") + _joints(k, k, ["hip", "trunk"]), compression="")
+        yield chunk(channel(k, f"/t{k}") + _joints(k, k, ["hip", "trunk"]), compression="")
 
 
 def schemas_numbered(count: int = 65_535) -> Iterator[bytes]:
     """As many schemas as there are numbers."""
-    yield _packed(b"".join(m.schema(k, m.JOINT_STATE) for k in range(1, count)))
-    yield _packed(m.channel(1, TRUTH) + _joints(1, 0, ["hip", "trunk"]))
+    yield _packed(b"".join(schema(k, JOINT_STATE_TYPE) for k in range(1, count)))
+    yield _packed(channel(1, TRUTH) + _joints(1, 0, ["hip", "trunk"]))
 
 
 def chunks_of_one(count: int = 20_000) -> Iterator[bytes]:
     """A message in each of many chunks."""
     yield _DESCRIBED
     for k in range(count):
-        yield m.chunk(_joints(1, k, ["hip", "trunk"]), compression="")
+        yield chunk(_joints(1, k, ["hip", "trunk"]), compression="")
 
 
 def chunks_of_nothing(count: int = 100_000) -> Iterator[bytes]:
     """Chunks without a record."""
     yield _DESCRIBED
-    yield m.chunk(b"", compression="") * count
+    yield chunk(b"", compression="") * count
 
 
 def chunk_bombs(count: int = 500) -> Iterator[bytes]:
     """Chunks of 100 MB each, 5 GB in all."""
     yield _DESCRIBED
-    bomb = _many(m.message(1, 0, m.joint_state(0, ["hip", "trunk"], [0.0] * 2)), 1_000_000)
+    bomb = _many(message(1, 0, joint_state(0, ["hip", "trunk"], [0.0] * 2)), 1_000_000)
     for _ in range(count):
         yield bomb
 
 
 def one_large_message(count: int = 100) -> Iterator[bytes]:
     """Chunks with one message of 100 MB each."""
-    yield _DESCRIBED + m.schema(2, "sensor_msgs/msg/Image") + m.channel(2, "/image", 2)
-    data = zstandard.compress(m.message(2, 0, bytes(100 * MB)))
+    yield _DESCRIBED + schema(2, "sensor_msgs/msg/Image") + channel(2, "/image", 2)
+    data = zstandard.compress(message(2, 0, bytes(100 * MB)))
     for _ in range(count):
-        yield m.chunk(b"", size=100 * MB + 31, packed=data)
+        yield chunk(b"", size=100 * MB + 31, packed=data)
 
 
 def equal_messages(count: int = 1_000_000) -> Iterator[bytes]:
     """A million equal messages."""
     yield _DESCRIBED
     for number, topic in ((1, TRUTH), (2, SEEN), (3, COMMAND)):
-        yield m.channel(number, topic)
-        yield _many(m.message(number, 0, m.joint_state(0, ["hip", "trunk"], [0.0] * 2)), count // 3)
+        yield channel(number, topic)
+        yield _many(message(number, 0, joint_state(0, ["hip", "trunk"], [0.0] * 2)), count // 3)
 
 
 def empty_messages(count: int = 4_000_000) -> Iterator[bytes]:
     """Messages without a byte."""
     yield _DESCRIBED
-    yield _many(m.message(1, 0, b""), count)
+    yield _many(message(1, 0, b""), count)
 
 
 def messages_and_others_in_turn(count: int = 20_000) -> Iterator[bytes]:
     """Outside chunks, a message, a channel, a message, a channel ..."""
     yield _DESCRIBED
     for k in range(count):
-        yield _joints(1, k, ["hip", "trunk"]) + m.channel(1, TRUTH)
+        yield _joints(1, k, ["hip", "trunk"]) + channel(1, TRUTH)
 
 
 def metadata_repeated(count: int = 100_000) -> Iterator[bytes]:
     """Many metadata records."""
     for k in range(count):
-        yield m.metadata("trunk_provenance", {f"key{k}": "x"})
+        yield record(Metadata("trunk_provenance", {f"key{k}": "x"}))
 
 
 def metadata_packed(count: int = 1_000_000) -> Iterator[bytes]:
     """The same in a chunk."""
-    yield _many(m.metadata("trunk_provenance", {"key": "x"}), count)
+    yield _many(record(Metadata("trunk_provenance", {"key": "x"})), count)
 
 
 def long_provenance() -> Iterator[bytes]:
     """Names and values of a megabyte each."""
-    yield m.metadata("trunk_provenance", {"k" * MB: "v" * MB, **{f"{i}": "x" for i in range(5000)}})
+    yield record(
+        Metadata("trunk_provenance", {"k" * MB: "v" * MB, **{f"{i}": "x" for i in range(5000)}})
+    )
     yield _packed(_DESCRIBED + _joints(1, 0, ["hip", "trunk"]))
 
 
 def long_topic() -> Iterator[bytes]:
     """A topic whose name is a megabyte, among a thousand others."""
-    yield m.schema(1, m.JOINT_STATE)
-    yield _packed(m.channel(0, "/" + "t" * MB) + _joints(0, 0, ["hip", "trunk"]))
-    yield _packed(b"".join(m.channel(k, f"/t{k}") for k in range(1, 1000)))
+    yield schema(1, JOINT_STATE_TYPE)
+    yield _packed(channel(0, "/" + "t" * MB) + _joints(0, 0, ["hip", "trunk"]))
+    yield _packed(b"".join(channel(k, f"/t{k}") for k in range(1, 1000)))
 
 
 def long_joint() -> Iterator[bytes]:
@@ -181,72 +199,71 @@ def long_frame() -> Iterator[bytes]:
 
 def long_schema() -> Iterator[bytes]:
     """A schema of fifty megabytes."""
-    yield _packed(m.schema(1, m.JOINT_STATE, bytes(50 * MB)) + m.channel(1, TRUTH))
+    yield _packed(schema(1, JOINT_STATE_TYPE, bytes(50 * MB)) + channel(1, TRUTH))
     yield _packed(_joints(1, 0, ["hip", "trunk"]))
 
 
 def events_repeated(count: int = 300_000) -> Iterator[bytes]:
     """Many equal events."""
-    yield m.schema(1, m.EVENTS) + m.channel(1, SAID)
-    yield _many(m.message(1, 0, schemas.event(0, "/simulator", "reset")), count)
+    yield schema(1, DIAGNOSTIC_ARRAY_TYPE) + channel(1, SAID)
+    yield _many(message(1, 0, schemas.event(0, "/simulator", "reset")), count)
 
 
 def resets(count: int = 50_000) -> Iterator[bytes]:
     """A reset and a change at every nanosecond."""
-    yield _DESCRIBED + m.schema(2, m.EVENTS) + m.channel(2, SAID)
+    yield _DESCRIBED + schema(2, DIAGNOSTIC_ARRAY_TYPE) + channel(2, SAID)
     yield _packed(b"".join(_joints(1, k, ["hip", "trunk"]) for k in range(200)))
     yield _packed(
-        b"".join(m.message(2, k, schemas.event(k, "/simulator", "reset")) for k in range(count))
+        b"".join(message(2, k, schemas.event(k, "/simulator", "reset")) for k in range(count))
     )
 
 
 def long_event() -> Iterator[bytes]:
     """An event with a million values."""
-    values = m.Cdr().stamp(0).string("").uint(1)
-    values.data += b"\0"
-    values.string("/simulator").string("finished").string("").uint(1_000_000)
-    pair = m.Cdr().string("key").string("val")
-    values.data += bytes(pair.data[4:]) * 1_000_000
-    yield m.schema(1, m.EVENTS) + m.channel(1, SAID)
-    yield _packed(m.message(1, 0, bytes(values.data)))
+    event = schemas.event(
+        0, "/simulator", "finished", {"key": "val"}
+    )  # the pair is its last 16 bytes
+    data = event[:-20] + struct.pack("<I", 1_000_000) + event[-16:] * 1_000_000
+    yield schema(1, DIAGNOSTIC_ARRAY_TYPE) + channel(1, SAID)
+    yield _packed(message(1, 0, data))
 
 
 def many_parameters(count: int = 100_000) -> Iterator[bytes]:
     """A node with a hundred thousand parameters, again and again."""
     data = schemas.parameter_event(0, "/pid", {f"p{k}": 1.0 for k in range(count)}, {})
-    yield m.schema(1, m.PARAMETERS) + m.channel(1, GIVEN)
-    yield _packed(m.message(1, 0, data) * 5)
+    yield schema(1, PARAMETER_EVENT_TYPE) + channel(1, GIVEN)
+    yield _packed(message(1, 0, data) * 5)
 
 
 def claims_parameters() -> Iterator[bytes]:
     """A node that claims 2^31 parameters."""
-    yield m.schema(1, m.PARAMETERS) + m.channel(1, GIVEN)
-    yield m.message(1, 0, bytes(m.Cdr().stamp(0).string("/pid").uint(2**31 - 1).data))
+    yield schema(1, PARAMETER_EVENT_TYPE) + channel(1, GIVEN)
+    none = schemas.parameter_event(0, "/pid", {}, {})  # it ends with three counts of 0
+    yield message(1, 0, none[:-12] + struct.pack("<I", 2**31 - 1))
 
 
 def far_apart() -> Iterator[bytes]:
     """Two states, 68 years apart."""
     yield _DESCRIBED
-    yield m.message(1, 0, m.joint_state(0, ["hip", "trunk"], [0.0] * 2, [0.0] * 2, [0.0] * 2))
-    yield m.message(1, 1, m.joint_state(FAR_NS, ["hip", "trunk"], [0.0] * 2, [0.0] * 2, [0.0] * 2))
+    yield message(1, 0, joint_state(0, ["hip", "trunk"], [0.0] * 2, [0.0] * 2, [0.0] * 2))
+    yield message(1, 1, joint_state(FAR_NS, ["hip", "trunk"], [0.0] * 2, [0.0] * 2, [0.0] * 2))
 
 
 def lz4_bomb() -> Iterator[bytes]:
     """LZ4 that unpacks to 2 GB, and says 1000 bytes."""
     packed = lz4.frame.compress(bytes(256 * MB))
-    yield m.chunk(b"", size=1000, compression="lz4", packed=packed * 8)
+    yield chunk(b"", size=1000, compression="lz4", packed=packed * 8)
 
 
 def zstd_window() -> Iterator[bytes]:
     """A Zstandard frame that asks for a window of 2 GB."""
     frame = struct.pack("<IBB", 0xFD2FB528, 0, 21 << 3) + b"\x01\x00\x00"
-    yield m.chunk(b"", size=100 * MB, packed=frame)
+    yield chunk(b"", size=100 * MB, packed=frame)
 
 
 def attachments(count: int = 50_000) -> Iterator[bytes]:
     """Many attachments."""
-    body = struct.pack("<QQ", 0, 0) + m.text("a") + m.text("b") + struct.pack("<QI", 0, 0)
-    yield m.record(9, body) * count
+    yield record(Attachment(0, 0, "a", "b", b"")) * count
 
 
 FILES: dict[str, Callable[[], Iterator[bytes]]] = {
@@ -287,4 +304,4 @@ FILES: dict[str, Callable[[], Iterator[bytes]]] = {
 
 def make(name: str, path: Path) -> Path:
     """Write one of `FILES`."""
-    return m.write(path, FILES[name]())
+    return write_records(path, *FILES[name]())

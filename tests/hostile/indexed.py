@@ -8,66 +8,50 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
-from . import mcap_bytes as m
+from mcap.records import ChunkIndex, McapRecord, Statistics
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import chunk, finish, raw, record, start
+
 from .bombs import _DESCRIBED, _joints
 
-
-def _chunk_index(start: int, length: int, indexes: dict[int, int], size: int) -> bytes:
-    body = struct.pack("<QQQQ", 0, 0, start, length)
-    body += struct.pack("<I", 10 * len(indexes))
-    body += b"".join(struct.pack("<HQ", channel, at) for channel, at in indexes.items())
-    body += struct.pack("<Q", size) + m.text("") + struct.pack("<QQ", 0, 0)
-    return m.record(8, body)
+_CHUNK = chunk(_DESCRIBED + _joints(1, 0, ["hip", "trunk"]), compression="")
 
 
-def _statistics(counts: dict[int, int]) -> bytes:
-    body = struct.pack("<QHIIIIQQ", 2**64 - 1, 1, 1, 0, 0, 0, 0, 0)
-    body += struct.pack("<I", 10 * len(counts))
-    return m.record(11, body + b"".join(struct.pack("<HQ", *pair) for pair in counts.items()))
+def _chunk_index(begins: int, indexes: dict[int, int], size: int) -> ChunkIndex:
+    return ChunkIndex(len(_CHUNK), begins, "", 0, 0, size, indexes, 0, 0)
 
 
-def _with_summary(path: Path, data: bytes, summary: bytes) -> Path:
-    head = m.MAGIC + m.header() + data + m.record(15, bytes(4))
-    path.write_bytes(head + summary + m.footer(len(head), summary) + m.MAGIC)
+def _with_summary(path: Path, data: bytes, *summary: McapRecord) -> Path:
+    path.write_bytes(finish(start() + data, record(*summary)))
     return path
 
 
 def one_chunk_indexed_often(path: Path, count: int = 20_000) -> Path:
     """The index has the same chunk again and again, each with all that follows as its index."""
-    first = len(m.MAGIC + m.header())
-    chunk = m.chunk(_DESCRIBED + _joints(1, 0, ["hip", "trunk"]), compression="")
-    entry = m.record(7, struct.pack("<HI", 1, 16 * 60_000) + bytes(16 * 60_000))
-    index = _chunk_index(first, len(chunk), {1: first + len(chunk)}, len(entry))
-    return _with_summary(path, chunk + entry, index * count)
+    first = len(start())
+    entry = raw(7, struct.pack("<HI", 1, 16 * 60_000) + bytes(16 * 60_000))
+    index = _chunk_index(first, {1: first + len(_CHUNK)}, len(entry))
+    return _with_summary(path, _CHUNK + entry, *[index] * count)
 
 
 def indexes_that_overlap(path: Path, count: int = 10_000) -> Path:
     """Each chunk's index is said to be all that follows."""
-    first = len(m.MAGIC + m.header())
-    chunk = m.chunk(_DESCRIBED + _joints(1, 0, ["hip", "trunk"]), compression="")
-    whole = len(chunk) * count
-    summary = b"".join(
-        _chunk_index(first + k * len(chunk), len(chunk), {1: first}, whole - k * len(chunk))
-        for k in range(count)
-    )
-    return _with_summary(path, chunk * count, summary)
+    first, each = len(start()), len(_CHUNK)
+    summary = (_chunk_index(first + k * each, {1: first}, (count - k) * each) for k in range(count))
+    return _with_summary(path, _CHUNK * count, *summary)
 
 
 def damaged_everywhere(path: Path, count: int = 10_000) -> Path:
     """Before each chunk stands something that is no record: only the index finds the next chunk."""
-    first = len(m.MAGIC + m.header())
-    chunk = m.chunk(_DESCRIBED + _joints(1, 0, ["hip", "trunk"]), compression="")
-    broken = m.record(0x70, b"", 2**40)
-    each = len(chunk) + len(broken)
-    summary = b"".join(_chunk_index(first + k * each, len(chunk), {}, 0) for k in range(count))
-    return _with_summary(path, (chunk + broken) * count, summary)
+    broken = raw(0x70, length=2**40)
+    each = len(_CHUNK) + len(broken)
+    summary = (_chunk_index(len(start()) + k * each, {}, 0) for k in range(count))
+    return _with_summary(path, (_CHUNK + broken) * count, *summary)
 
 
 def counts_of_nothing(path: Path) -> Path:
     """Statistics of 65,536 channels that do not exist."""
-    summary = _statistics(dict.fromkeys(range(65_536), 2**63))
-    data = m.chunk(_DESCRIBED + _joints(1, 0, ["hip", "trunk"]), compression="")
-    return _with_summary(path, data, summary)
+    counts = dict.fromkeys(range(65_536), 2**63)
+    return _with_summary(path, _CHUNK, Statistics(0, 1, counts, 0, 2**64 - 1, 0, 0, 0, 1))
 
 
 def _bag(path: Path, base: Path, about: str) -> Path:

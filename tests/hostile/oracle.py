@@ -13,7 +13,8 @@ from typing import Any
 from mcap.reader import NonSeekingReader
 from rosbags.typesys import Stores, get_typestore
 
-from .mcap_bytes import JOINT_STATE, PARAMETERS
+from trunk_msgs_util.topics import JOINT_STATE_TYPE, PARAMETER_EVENT_TYPE
+
 from .tampered import GIVEN, TRUTH
 
 _MOST = 32 << 20  # bytes of messages: these libraries take them one by one
@@ -45,9 +46,9 @@ def read(path: Path) -> tuple[dict[str, int], list[tuple[int, float]]]:
                 if size > _MOST:
                     raise UnreadableError("too much")
                 kind = schema.name if schema else ""
-                if channel.topic == TRUTH and kind == JOINT_STATE:
+                if channel.topic == TRUTH and kind == JOINT_STATE_TYPE:
                     truth += _decoded(store, message.data, kind)
-                if channel.topic == GIVEN and kind == PARAMETERS:
+                if channel.topic == GIVEN and kind == PARAMETER_EVENT_TYPE:
                     for event in _decoded(store, message.data, kind):
                         told = told or _joints(event)
     except Exception as error:

@@ -6,11 +6,19 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+from mcap.records import Metadata
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
+    channel,
+    chunk,
+    content,
+    message,
+    record,
+    schema,
+    write_records,
+)
+
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
-
-from ..edited import content
-from . import mcap_bytes as m
 
 _STEPS = 3
 
@@ -23,18 +31,18 @@ def seeds(folder: Path) -> None:
     plan = replace(plan, simulator=replace(plan.simulator, duration=_STEPS * period))
     record_offline(plan, base, overwrite=True)
     run = content(base)
-    described = b"".join(m.schema(number, kind.name) for number, kind in run.schemas.items())
-    described += b"".join(m.channel(c.id, c.topic, c.schema_id) for c in run.channels.values())
+    described = b"".join(schema(number, kind.name) for number, kind in run.schemas.items())
+    described += b"".join(channel(c.id, c.topic, c.schema_id) for c in run.channels.values())
     messages = b"".join(
-        m.message(run.channels[topic].id, log, data) for topic, log, data, _, _ in run.messages
+        message(run.channels[topic].id, log, data) for topic, log, data, _, _ in run.messages
     )
-    more = b"".join(m.metadata(name, values) for name, values in run.metadata)
+    more = b"".join(record(Metadata(name, values)) for name, values in run.metadata)
     for name, records in (
         ("unchunked", [described + messages + more]),
-        ("plain", [m.chunk(described + messages, compression=""), more]),
-        ("zstd", [described, m.chunk(messages), more]),
+        ("plain", [chunk(described + messages, compression=""), more]),
+        ("zstd", [described, chunk(messages), more]),
     ):
-        m.write(folder / f"{name}.mcap", records, library="trunk_msgs_util")
+        write_records(folder / f"{name}.mcap", *records, library="trunk_msgs_util")
 
 
 if __name__ == "__main__":

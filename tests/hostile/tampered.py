@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from math import inf, nan
 from pathlib import Path
 from typing import Any
 
 from mcap.records import Schema
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import NONE, Content, content, write_file
 
 from trunk_msgs_util.recording import schemas
-
-from ..edited import NONE, Content, content, write_file
-from .mcap_bytes import EVENTS, JOINT_STATE, joint_state
+from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
+from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.topics import DIAGNOSTIC_ARRAY_TYPE, JOINT_STATE_TYPE
 
 TRUTH, SEEN = "/ground_truth/joint_states", "/joint_states"
 COMMAND, DISTURBANCE, STATE = "/effort_command", "/disturbance", "/pid/state"
@@ -37,9 +38,23 @@ def edited(change: Change, base: Path, path: Path) -> Path:
     return path
 
 
+def joint_state(
+    ns: int,
+    names: Sequence[str],
+    position: Sequence[float] = (),
+    velocity: Sequence[float] = (),
+    effort: Sequence[float] = (),
+    frame: str = "",
+) -> bytes:
+    """Return a JointState message; it may have more or fewer values than names."""
+    values = tuple(position), tuple(velocity), tuple(effort)
+    layout = JointStateLayout(tuple(names), *map(len, values), frame)
+    return layout.pack(JointSample(ns, layout.name, *values))
+
+
 def sample(data: bytes) -> dict[str, Any]:
     """Return a JointState as the arguments of `joint_state`."""
-    message = schemas.deserialize(JOINT_STATE, data)
+    message = schemas.deserialize(JOINT_STATE_TYPE, data)
     return {
         "ns": schemas.stamp_of(message.header.stamp),
         "names": list(message.name),
@@ -117,7 +132,7 @@ def _parameter(node: str, name: str, value: Any) -> Callable[[Content], None]:
 
 def _no_status() -> bytes:
     message = schemas.build(
-        EVENTS,
+        DIAGNOSTIC_ARRAY_TYPE,
         header=schemas.build(
             "std_msgs/msg/Header",
             stamp=schemas.build("builtin_interfaces/msg/Time", sec=0, nanosec=0),
@@ -125,7 +140,7 @@ def _no_status() -> bytes:
         ),
         status=[],
     )
-    return schemas.serialize(EVENTS, message)
+    return schemas.serialize(DIAGNOSTIC_ARRAY_TYPE, message)
 
 
 def _typed(topic: str, kind: str, run: Content) -> None:
@@ -154,6 +169,11 @@ def _big_endian(run: Content) -> None:
             data += bytes(-(len(data) - 4) % 8) if values else b""
             data += struct.pack(f">{len(values)}d", *values)
         row[2] = data
+
+
+def _not_utf8(run: Content) -> None:
+    for row in run.of(TRUTH):
+        row[2] = row[2].replace(b"hip\0", b"\xff\xfe\xc3\0").replace(b"trunk\0", b"trunk\xc3\0")
 
 
 def _arm(run: Content) -> Rows:
@@ -190,9 +210,7 @@ _CHANGES: dict[str, Change] = {
     "true joints swapped": partial(joints, (TRUTH,), _renamed("trunk", "hip")),
     "both joints of one name": partial(joints, (TRUTH, SEEN), _renamed("trunk", "trunk")),
     "joints without a name": partial(joints, (TRUTH,), _renamed("", "")),
-    "names that are not UTF-8": partial(
-        joints, (TRUTH,), lambda a, i: a.update({"names": [b"\xff\xfe", b"\xc3("]})
-    ),
+    "names that are not UTF-8": _not_utf8,
     "more names than values": partial(
         joints, (TRUTH,), lambda a, i: a.update({"names": ["hip", "trunk", "knee"]})
     ),

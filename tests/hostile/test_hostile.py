@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import signal
-import struct
 import sys
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import raw, start
 
 from ..finished import finished
 from ..graph.processes import Child, Children, until
 from .corpus import unpacked
 from .fuzz import readers
-from .mcap_bytes import MAGIC, header
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -40,7 +39,7 @@ def reading(child: Child, path: Path) -> bool:
 def test_a_signal_ends_a_verb_in_a_long_file(children: Children, tmp_path, verb, number):
     path = tmp_path / "long.mcap"
     with path.open("wb") as file:
-        file.write(MAGIC + header() + struct.pack("<BQ", 9, 1 << 40))
+        file.write(start() + raw(9, length=1 << 40))
         file.truncate((1 << 40) + 100)  # a hole: it takes no room
     more = ("-o", tmp_path / "out.mcap") if verb == "recover" else ()
     child = children.trunk(verb, path, *more)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ros2_ws.src.trunk_experiments.test.stepwise import steps
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.branching.branch import Branch
@@ -23,7 +24,6 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import event
 from trunk_sim.traffic import Traffic
 
-from ..edited import ANEW, copied
 from ..real_time import record_real_time
 from ..same_bits.paths import branched_at
 from ..same_bits.scenarios import LINKS, Scenario

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import pytest
 from mcap.opcode import Opcode
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import write_mcap
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import records_of, write_mcap
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.blocks import records
 from trunk_msgs_util.recording.digests import END
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
-from trunk_msgs_util.recording.messages import MAGIC
 from trunk_msgs_util.samples import JointSample
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
@@ -21,9 +19,7 @@ MARKED = [(END, {"complete": "true", "reason": "finished"})]
 
 def places(path, opcode):
     """Return where the records of a kind begin."""
-    with path.open("rb") as file:
-        file.seek(len(MAGIC))
-        return [r.offset for r in records(file, path.stat().st_size) if r.opcode == opcode]
+    return [at for kind, at, _ in records_of(path.read_bytes()) if kind == opcode]
 
 
 def states(path, stamps, names=BOTH, values=2, order=None, **options):

@@ -8,12 +8,11 @@ import struct
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import NONE, content, write
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
-
-from ..edited import NONE, content, write
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 MS = 1_000_000

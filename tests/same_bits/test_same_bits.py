@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.batch.random_plans import random_plan
@@ -15,7 +16,6 @@ from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_msgs_util.recording.reader import Recording
 
-from ..edited import ANEW, copied
 from .paths import IN_ONE_PROCESS, difference, differences, reference
 from .scenarios import SCENARIOS, random_links
 

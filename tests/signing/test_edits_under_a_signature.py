@@ -6,8 +6,18 @@ import json
 from dataclasses import replace
 
 import pytest
-from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
+    ANEW,
+    content,
+    data_of,
+    finish,
+    record,
+    records_of,
+    write,
+    write_file,
+)
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
@@ -16,7 +26,6 @@ from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.signing.signature import sign, to_text
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 
-from ..edited import ANEW, content, write
 from .keys import ALICE, MALLORY, WHO, refused
 
 
@@ -80,24 +89,6 @@ def test_a_truncated_run_is_refused(signed, trunk):
     refused(trunk, "the content is not what it signed", "diverges")
 
 
-def write_anew(source, path, then=lambda writer, channels: None, **options):
-    """Copy a recording with mcap's writer; ``then`` writes more after the channels."""
-    with source.open("rb") as file, path.open("wb") as copy:
-        reader, writer = make_reader(file), Writer(copy, **options)
-        header, summary = reader.get_header(), reader.get_summary()
-        writer.start(header.profile, header.library)
-        for schema in summary.schemas.values():
-            writer.register_schema(schema.name, schema.encoding, schema.data)
-        for c in summary.channels.values():
-            writer.register_channel(c.topic, c.message_encoding, c.schema_id, c.metadata)
-        then(writer, {c.topic: c for c in summary.channels.values()})
-        for _, _, m in reader.iter_messages(log_time_order=False):
-            writer.add_message(m.channel_id, m.log_time, m.data, m.publish_time, m.sequence)
-        for record in reader.iter_metadata():
-            writer.add_metadata(record.name, record.metadata)
-        writer.finish()
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -108,7 +99,7 @@ def write_anew(source, path, then=lambda writer, channels: None, **options):
     ids=["small chunks", "one chunk of LZ4", "no chunks"],
 )
 def test_the_signature_holds_for_the_same_content_written_anew(signed, original, trunk, options):
-    write_anew(original, signed, **options)
+    write_file(content(original), signed, **options)
     assert signed.read_bytes() != original.read_bytes()
     code, out, err = trunk("verify", "run.mcap", "--key", "alice.pub")
     assert code == 0, out + err
@@ -117,13 +108,13 @@ def test_the_signature_holds_for_the_same_content_written_anew(signed, original,
 def test_a_redescribed_channel_is_refused(signed, original, trunk):
     """Other readers would take true states for measured ones."""
 
-    def swap(writer, channels):
-        measured, true = (channels[t] for t in ("/joint_states", "/ground_truth/joint_states"))
-        builder = getattr(writer, "_Writer__record_builder")  # noqa: B009
-        replace(measured, topic=true.topic).write(builder)
-        replace(true, topic=measured.topic).write(builder)
-
-    write_anew(original, signed, swap, use_chunking=False)
+    found = content(original)
+    write_file(found, signed, use_chunking=False)
+    whole = signed.read_bytes()
+    measured, true = (found.channels[t] for t in ("/joint_states", "/ground_truth/joint_states"))
+    swapped = replace(measured, topic=true.topic), replace(true, topic=measured.topic)
+    first = next(at for kind, at, _ in records_of(whole) if kind == Opcode.MESSAGE)
+    signed.write_bytes(finish(whole[:first] + record(*swapped) + data_of(whole)[first:]))
     refused(trunk, "the content is not what it signed", "diverges")
 
 

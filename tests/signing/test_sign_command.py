@@ -7,10 +7,10 @@ import json
 import sys
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, NONE, copied
 
 from trunk_msgs_util.recording.signing.keys import fingerprint
 
-from ..edited import ANEW, NONE, copied
 from .keys import ALICE, FORMS, MALLORY, WHO, refused, write_key
 
 

@@ -8,24 +8,24 @@ from dataclasses import replace
 import pytest
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
-from rosbags.highlevel import AnyReader
-
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.reader import Recording
-
-from ..reindexed import (
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
     MAGIC,
+    content,
     data_of,
+    finish,
     moved,
     raw,
     records_of,
     reindexed,
     summary_of,
-    with_summary,
+    summary_records,
+    write_file,
 )
-from .test_edits_under_a_signature import write_anew
+from rosbags.highlevel import AnyReader
+
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.reader import Recording
 
 DATA = (Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.METADATA)
 
@@ -34,7 +34,7 @@ DATA = (Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.METADATA)
 def chunked(original, tmp_path_factory):
     """The run in a dozen chunks, as mcap writes them."""
     path = tmp_path_factory.mktemp("chunked") / "run.mcap"
-    write_anew(original, path, compression=CompressionType.ZSTD, chunk_size=3000)
+    write_file(content(original), path, chunk_size=3000)
     return path
 
 
@@ -174,7 +174,7 @@ def second(path, at, tmp_path):
     summary = summary_of(other)
     summary.chunks = [moved(chunk, at) for chunk in summary.chunks]
     summary.metadata = [replace(index, offset=index.offset + at) for index in summary.metadata]
-    return with_summary(data_of(whole), summary, at)
+    return finish(data_of(whole), summary_records(summary), at)
 
 
 TAILS = {
@@ -219,8 +219,7 @@ def inserted(whole, record, before):
     data = data_of(whole)
     kinds = [(at, opcode) for opcode, at, _ in records_of(whole) if at < len(data)]
     place = next(at for at, opcode in kinds if opcode == before) if before else len(data)
-    data = data[:place] + record + data[place:]
-    return data + raw(Opcode.DATA_END, bytes(4)) + raw(Opcode.FOOTER, bytes(20)) + MAGIC
+    return finish(data[:place] + record + data[place:])
 
 
 @pytest.mark.parametrize("before", [*DATA, None])
@@ -264,16 +263,12 @@ def padded(data, kinds, padding):
     "kind", [Opcode.HEADER, *DATA, Opcode.STATISTICS, Opcode.CHUNK_INDEX, Opcode.METADATA_INDEX]
 )
 def test_records_longer_than_is_known_are_read(original, run, trunk, kind, padding):
-    whole = original.read_bytes()
-    data = padded(data_of(whole)[len(MAGIC) :], [kind], padding)
-    ends = raw(Opcode.DATA_END, bytes(4)), raw(Opcode.FOOTER, bytes(20))
-    run.write_bytes(MAGIC + data + ends[0] + ends[1] + MAGIC)
-    if kind not in (Opcode.HEADER, *DATA):  # the places in the index stay right
-        text = with_summary(data_of(whole), summary_of(original))
-        start = len(data_of(whole)) + len(ends[0])
-        text = padded(text[start : -29 - len(MAGIC)], [kind], padding)
-        footer = raw(Opcode.FOOTER, struct.pack("<QQI", start, 0, 0))
-        run.write_bytes(data_of(whole) + ends[0] + text + footer + MAGIC)
+    data = data_of(original.read_bytes())
+    if kind in (Opcode.HEADER, *DATA):
+        run.write_bytes(finish(MAGIC + padded(data[len(MAGIC) :], [kind], padding)))
+    else:  # the places in the index stay right
+        summary = summary_records(summary_of(original))
+        run.write_bytes(finish(data, padded(summary, [kind], padding)))
     assert ours(run) == ours(original) == by_mcap(run)
     assert judged(trunk, "run.mcap")[0] == (0, 0, 0)
     code, out, _ = trunk("recover", "run.mcap", "-o", "mended.mcap")

@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import Content
+
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import build, event, parse_event
 from trunk_msgs_util.units import NANOSECONDS
 
-from ..edited import Content
 from .joint_edits import TRUTH
 from .messages import EVENTS, LOG, PUBLISH, SEQUENCE, Edit, move, parsed, renumber, sample_of, store
 

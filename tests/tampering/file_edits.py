@@ -7,10 +7,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import Content
+
 from trunk_msgs_util.recording.schemas import parse_event, parse_parameter_event
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 
-from ..edited import Content
 from .joint_edits import COMMANDS, DISTURBANCE, LOOP, MEASURED, TRUTH, at
 from .messages import (
     EVENTS,

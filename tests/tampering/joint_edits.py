@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import Content
+
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import NANOSECONDS
 
-from ..edited import Content
 from .messages import (
     DATA,
     LOG,

@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, KEPT, NONE, Content, content, write
+
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.recording.reader import RecordingError
 
-from ..edited import ANEW, KEPT, NONE, Content, content, write
 from .accepted_edits import reason_for
 from .event_edits import event_edits
 from .file_edits import file_edits

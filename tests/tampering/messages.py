@@ -7,13 +7,13 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import Content
+
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
 from trunk_msgs_util.recording.schemas import deserialize, serialize
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.topics import DIAGNOSTIC_ARRAY_TYPE, PARAMETER_EVENT_TYPE
 from trunk_msgs_util.units import NANOSECONDS
-
-from ..edited import Content
 
 EVENTS, PARAMETERS = "/run/events", "/run/parameters"
 TYPES = {EVENTS: DIAGNOSTIC_ARRAY_TYPE, PARAMETERS: PARAMETER_EVENT_TYPE}

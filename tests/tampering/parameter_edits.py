@@ -7,12 +7,13 @@ from functools import partial
 from math import inf
 from typing import Any
 
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import Content
+
 from trunk_experiments.plans.nodes import NODES
 from trunk_msgs_util.parameters.declarations import Declaration, declarations
 from trunk_msgs_util.recording.schemas import parse_parameter_event
 from trunk_msgs_util.units import NANOSECONDS
 
-from ..edited import Content
 from .joint_edits import TRUTH
 from .messages import (
     LOG,

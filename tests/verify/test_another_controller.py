@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, KEPT, copied
 
 from trunk_experiments.plans import nodes
 from trunk_experiments.plans.plan import make_plan
@@ -14,7 +15,6 @@ from trunk_experiments.runs.engine import states_of_run
 from trunk_experiments.runs.offline_recording import record_offline, record_states
 from trunk_msgs_util.recording.reader import Recording
 
-from ..edited import ANEW, KEPT, copied
 from .messages import COMMAND, TRUTH, of, without
 from .test_verify import flip_last_bit
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from math import nan
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
@@ -14,7 +15,6 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
 from trunk_sim.operator_input import Applied
 
-from ..edited import ANEW, copied
 from .messages import of
 
 PUSH = f"/{topics.OPERATOR_PUSH}"

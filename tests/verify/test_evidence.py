@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, content, copied
 
 from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
@@ -26,7 +27,6 @@ from trunk_msgs_util.recording.schemas import (
 )
 
 from .. import real_time
-from ..edited import ANEW, content, copied
 from ..real_time import INPUTS, changed, frame_of, in_frame, late_inputs, record_real_time, stamp_at
 from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of, without
 

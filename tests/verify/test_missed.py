@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
@@ -15,7 +16,6 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import RecordingError
 
 from .. import real_time
-from ..edited import ANEW, copied
 from ..real_time import in_frame, record_real_time
 from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of, without
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from click.testing import CliRunner
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
@@ -12,7 +13,6 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import event
 
-from ..edited import ANEW, copied
 from .messages import COMMAND, of
 
 REFERENCE = "/reference"

@@ -7,6 +7,7 @@ import tracemalloc
 from dataclasses import replace
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, NONE, copied
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
@@ -19,7 +20,6 @@ from trunk_msgs_util.recording.digests import HEADS, PARTS
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
 
-from ..edited import ANEW, NONE, copied
 from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of
 
 PARAMETERS = "/run/parameters"

@@ -12,8 +12,9 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.schemas import parameter_event
+from trunk_msgs_util.recording.writer import END, PROVENANCE
 
-from .rewritten import rewritten
+from ...trunk_msgs_util.test.mcap_files import ANEW, content, write_file
 
 
 @pytest.fixture(scope="session")
@@ -43,14 +44,16 @@ WORDS = (SCRIPT, CLOSE, QUOTES)
 def write_hostile(source, path):
     """Copy a run in which every free text tries to break out of a page's text."""
 
-    def more(writer, channels):
-        data = parameter_event(0, f"/{CLOSE}", {SCRIPT: QUOTES, QUOTES: CLOSE}, {})
-        evil = writer.channel(f"/{SCRIPT}", topics.PARAMETER_EVENT_TYPE)
-        for channel in (channels[topics.RUN_PARAMETERS], evil):
-            writer.write(channel, 0, 0, data)
-
+    found = content(source)
+    evil = f"/{SCRIPT}"
+    found.channels[evil] = replace(found.channels[f"/{topics.RUN_PARAMETERS}"], id=99, topic=evil)
+    data = parameter_event(0, f"/{CLOSE}", {SCRIPT: QUOTES, QUOTES: CLOSE}, {})
+    found.messages += [[topic, 0, data, 0, 0] for topic in (f"/{topics.RUN_PARAMETERS}", evil)]
     told = {"scenario": SCRIPT, QUOTES: CLOSE, "mode": QUOTES}
-    return rewritten(source, path, provenance=told, more=more, complete=False, reason=CLOSE)
+    found.metadata[0] = (PROVENANCE, told)
+    found.values(END).update(complete="false", reason=CLOSE)
+    write_file(found, path, ANEW)
+    return path
 
 
 @pytest.fixture

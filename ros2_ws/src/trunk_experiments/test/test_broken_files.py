@@ -5,20 +5,23 @@ from __future__ import annotations
 import json
 import os
 import random
-import struct
 import subprocess
 import sys
 
-import lz4.frame
 import pytest
-import zstandard
-from mcap.data_stream import RecordBuilder
-from mcap.records import Chunk
 from mcap.writer import Writer
 
 from trunk_msgs_util.recording.chunk import MAX_CHUNK
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+
+from ...trunk_msgs_util.test.mcap_files import (
+    chunk,
+    raw,
+    records_of,
+    write_records,
+    zstd_frame_that_claims,
+)
 
 TRUTH = "/ground_truth/joint_states"
 GIB = 1 << 30
@@ -93,12 +96,7 @@ def spread(data, count):
 
 def records(data):
     """Return where each record of a file begins, and its length with its header."""
-    found, at = [], 8
-    while at < len(data) - 8:
-        length = 9 + struct.unpack_from("<Q", data, at + 1)[0]
-        found.append((at, length))
-        at += length
-    return found
+    return [(begin, end - begin) for _, begin, end in records_of(data)]
 
 
 def sample(items, count):
@@ -221,45 +219,21 @@ def test_doubled_topics_and_messages_count_once(whole, trunk, tmp_path, short_ru
     assert f"{TRUTH}, t = 0 s: the stamp appears twice" in out
 
 
-def with_bytes(path, hostile):
-    """Write a header, then some bytes, then an end."""
-    head = b"\x89MCAP0\r\n" + record_of(1, b"\4\0\0\0ros2\0\0\0\0")
-    tail = record_of(15, bytes(4)) + record_of(2, bytes(20)) + b"\x89MCAP0\r\n"
-    path.write_bytes(head + hostile + tail)
-    return path
-
-
-def record_of(opcode, body, length=None):
-    return struct.pack("<BQ", opcode, len(body) if length is None else length) + body
-
-
-def chunk(data, size, compression):
-    builder = RecordBuilder()
-    Chunk(compression, data, 0, 0, 0, size).write(builder)
-    return builder.end()
-
-
-def zstd_claiming(size):
-    return struct.pack("<IBQ", 0xFD2FB528, 0b1110_0000, size) + b"\x01\x00\x00"
-
-
 TB = 1 << 40
 BOMB = b"\x09" + bytes(8)  # the shortest record, which is not a message
 HOSTILE = {
-    "a chunk of 1 TB": lambda: chunk(zstandard.compress(b"x"), TB, "zstd"),
-    "a frame of 1 TB": lambda: chunk(zstd_claiming(TB), 1000, "zstd"),
-    "both of 1 TB": lambda: chunk(zstd_claiming(TB), TB, "zstd"),
-    "a Zstandard bomb": lambda: chunk(zstandard.compress(bytes(4 * GIB // 8)), 1000, "zstd"),
-    "an honest bomb": lambda: chunk(zstandard.compress(bytes(GIB // 2)), GIB // 2, "zstd"),
-    "an LZ4 bomb": lambda: chunk(lz4.frame.compress(bytes(GIB // 2)), 1000, "lz4"),
-    "many records": lambda: chunk(
-        zstandard.compress(BOMB * (MAX_CHUNK // 9)), MAX_CHUNK // 9 * 9, "zstd"
-    ),
-    "a record of 1 TB": lambda: record_of(4, b"", TB),
-    "a record of 2^64 - 1 bytes": lambda: record_of(5, b"", 2**64 - 1),
-    "a string of 4 GB": lambda: record_of(4, b"\1\0\1\0\xff\xff\xff\xff"),
-    "an attachment of 1 TB": lambda: record_of(9, bytes(100), TB),
-    "a chunk in a chunk": lambda: chunk(chunk(b"", 0, ""), len(chunk(b"", 0, "")), ""),
+    "a chunk of 1 TB": lambda: chunk(b"x", size=TB),
+    "a frame of 1 TB": lambda: chunk(b"", size=1000, packed=zstd_frame_that_claims(TB)),
+    "both of 1 TB": lambda: chunk(b"", size=TB, packed=zstd_frame_that_claims(TB)),
+    "a Zstandard bomb": lambda: chunk(bytes(4 * GIB // 8), size=1000),
+    "an honest bomb": lambda: chunk(bytes(GIB // 2)),
+    "an LZ4 bomb": lambda: chunk(bytes(GIB // 2), size=1000, compression="lz4"),
+    "many records": lambda: chunk(BOMB * (MAX_CHUNK // 9)),
+    "a record of 1 TB": lambda: raw(4, length=TB),
+    "a record of 2^64 - 1 bytes": lambda: raw(5, length=2**64 - 1),
+    "a string of 4 GB": lambda: raw(4, b"\1\0\1\0\xff\xff\xff\xff"),
+    "an attachment of 1 TB": lambda: raw(9, bytes(100), TB),
+    "a chunk in a chunk": lambda: chunk(chunk(b"", compression=""), compression=""),
 }
 
 
@@ -281,7 +255,7 @@ finally:
 @pytest.mark.parametrize("hostile", HOSTILE.values(), ids=HOSTILE.keys())
 @pytest.mark.slow
 def test_hostile_files_take_neither_time_nor_memory(hostile, tmp_path):
-    path = with_bytes(tmp_path / "a.mcap", hostile())
+    path = write_records(tmp_path / "a.mcap", hostile())
     done = subprocess.run(
         [sys.executable, "-c", LIMITED, "metrics", path],
         capture_output=True,

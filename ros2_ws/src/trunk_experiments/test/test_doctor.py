@@ -4,7 +4,6 @@ import random
 import struct
 
 import pytest
-from mcap.writer import Writer
 
 from trunk_experiments.commands.doctor import exit_code
 from trunk_experiments.replay.doctor import ERROR, WARNING, examine
@@ -18,7 +17,7 @@ from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
-from .rewritten import rewritten
+from ...trunk_msgs_util.test.mcap_files import ANEW, content, copied, each, records_of, write
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 MS = 1_000_000
@@ -103,14 +102,6 @@ def test_a_gap_is_more_than_one_and_a_half_periods(tmp_path, periods, missing):
     assert [(f.stamp_ns, f.message) for f in found] == [(2 * MS, text) for text in says]
 
 
-def records_of(data):
-    at = 8
-    while at < len(data) - 8:
-        opcode, length = struct.unpack_from("<BQ", data, at)
-        yield opcode, at, at + 9 + length
-        at += 9 + length
-
-
 @pytest.mark.parametrize(
     ("opcode", "within", "says"),
     [
@@ -138,23 +129,10 @@ def test_one_flipped_bit_is_found_where_it_is(tmp_path, opcode, within, says):
 def test_an_altered_message_is_found_by_its_digest(tmp_path):
     """All checksums are right and there is an index: only the digest can tell."""
     path = write_run(tmp_path / "a.mcap")
-    run = Recording.open(path)
-    forged = tmp_path / "b.mcap"
-    with forged.open("wb") as file:
-        writer = Writer(file, enable_data_crcs=True)
-        writer.start("ros2", "trunk_msgs_util")
-        writer.add_metadata(PROVENANCE, run.provenance)
-        for name, topic in run.topics.items():
-            schema = writer.register_schema(topic.type, "ros2msg", b"")
-            channel = writer.register_channel(name, "cdr", schema)
-            for log, messages in run.messages(name):
-                for at, message in zip(log, messages, strict=True):
-                    if name == TRUTH and at == 3:
-                        message = message[:-12] + b"\1" + message[-11:]
-                    writer.add_message(channel, at, message, at)
-        writer.add_metadata("trunk_digests", run.digests)
-        writer.add_metadata("trunk_end", run.end)
-        writer.finish()
+    found = content(path)
+    message = found.of(TRUTH)[3]
+    message[2] = message[2][:-12] + b"\1" + message[2][-11:]
+    forged = write(found, tmp_path / "b.mcap").path
     found = [f.message for f in examine(forged) if f.severity in (ERROR, WARNING)]
     assert f"{TRUTH}: not as the recorder wrote it (digest)" in found
     assert not any("/pid/state:" in message for message in found)
@@ -269,7 +247,8 @@ def renamed(run, path, topic, names=None, without=()):
         sample = sample._replace(**dict.fromkeys(without, ()), name=names or sample.name)
         return layout_of(sample).pack(sample)
 
-    return rewritten(run, path, edit)
+    copied(run, path, each(edit), ANEW)
+    return path
 
 
 @pytest.mark.parametrize(
@@ -293,13 +272,11 @@ def test_what_cannot_be_recomputed_is_named(tmp_path, short_run, topic, change, 
 
 
 def test_a_bad_message_is_named(tmp_path, short_run):
-    def more(writer, channels):
-        writer.write(channels["run/events"], 5, 5, b"\0\1\0\0")
-
-    source = short_run("fig8", "pid", duration=0.3)
-    path = rewritten(source, tmp_path / "a.mcap", more=more)
-    (finding,) = examine(path)
+    found = content(short_run("fig8", "pid", duration=0.3))
+    found.messages.append(["/run/events", 5, b"\0\1\0\0", 5, 0])
+    recording = write(found, tmp_path / "a.mcap", ANEW)
+    (finding,) = examine(recording.path)
     assert finding.message.startswith("/run/events: 1 of 3 messages cannot be read (message 2, ")
-    verdict = verify(Recording.open(path))
+    verdict = verify(recording)
     assert not any(check.wrong_steps for check in verdict.checks)
     assert verdict.obstacles == [finding.message]

@@ -18,12 +18,11 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.compare import best_of
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
-from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
 from trunk_msgs_util.recording.topic import RecordingError
 from trunk_msgs_util.recording.writer import RecordingWriter
 
-from .rewritten import rewritten
+from ...trunk_msgs_util.test.mcap_files import ANEW, copied, each
 
 LATE = "LATE: the machine was too busy, 1 of 1300 steps late"
 ADVICE = ": --lockstep gives the exact run"
@@ -49,9 +48,10 @@ def in_real_time(source: Path, path: Path, late=(), unanswered=(), complete=True
             data = layout.pack(sample._replace(effort=(0.0, efforts[at - 2])))
         return data
 
-    told = {**Recording.open(source).provenance, "mode": "real_time", "format": ""}
-    reason = "finished" if complete else "the disk is full"
-    return rewritten(source, path, edit, told, complete=complete, reason=reason)
+    told = {"mode": "real_time", "format": ""}
+    end = {} if complete else {"complete": "false", "reason": "the disk is full"}
+    copied(source, path, each(edit), ANEW, end, told)
+    return path
 
 
 def test_an_exact_run_has_no_late_steps(short_run):

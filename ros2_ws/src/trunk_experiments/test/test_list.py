@@ -15,7 +15,7 @@ from trunk_experiments.plans.files import SCENARIOS
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.recorded.run import RecordedRun
 
-from .rewritten import rewritten
+from ...trunk_msgs_util.test.mcap_files import ANEW, copied, each
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def with_another_command(source, path):
         flipped = topic == "effort_command" and index == 99
         return data[:-8] + bytes([data[-8] ^ flipped]) + data[-7:]
 
-    rewritten(source, path, edit)
+    copied(source, path, each(edit), ANEW)
 
 
 @pytest.mark.slow

@@ -20,8 +20,8 @@ from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_e
 from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
+from ...trunk_msgs_util.test.mcap_files import ANEW, copied, each
 from .documents import checked
-from .rewritten import rewritten
 
 pytestmark = pytest.mark.slow  # every verb, every recording
 
@@ -33,11 +33,17 @@ def whole(short_run):
     return short_run("fig8", "fuzzy_pid", duration=0.3)
 
 
-STOPPED = {"complete": False, "reason": "the recorder was stopped"}
+STOPPED = {"complete": "false", "reason": "the recorder was stopped"}
+
+
+def rewritten(source, path, change, end=True):
+    """Copy a run; ``change(topic, CDR, index)`` gives each message's bytes, None leaves it out."""
+    copied(source, path, each(change), ANEW, end)
+    return path
 
 
 def kept(condition):
-    """Return an edit that leaves out the messages for which ``condition(topic, CDR, index)`` is false."""
+    """Return a change that leaves out the messages for which ``condition(topic, CDR, index)`` is false."""
     return lambda name, data, index: data if condition(name, data, index) else None
 
 
@@ -54,9 +60,9 @@ def without_parameters_of(node):
 def without_the_last(source, path, topic, count, stopped=False):
     """Copy a run without the last messages of a topic, ``count`` of them."""
     first = Recording.open(source).topics[f"/{topic}"].count - count
-    end = STOPPED if stopped else {}
+    end = STOPPED if stopped else True
     return rewritten(
-        source, path, kept(lambda name, data, index: name != topic or index < first), **end
+        source, path, kept(lambda name, data, index: name != topic or index < first), end
     )
 
 
@@ -126,7 +132,7 @@ def test_answers_of_a_node_that_was_killed_and_started_again_accuse_nobody(
     def later(name, data, index):
         return name not in topics_ or index >= 3
 
-    path = rewritten(whole, tmp_path / "stopped.mcap", kept(later), **STOPPED)
+    path = rewritten(whole, tmp_path / "stopped.mcap", kept(later), STOPPED)
     verdict = verify(Recording.open(path))
     assert verdict.exit_code == UNJUDGED
     assert any(
@@ -142,7 +148,7 @@ def test_answers_that_a_stopped_recorder_has_missed_accuse_nobody(whole, tmp_pat
     def earlier(name, data, index):
         return name not in topics_ or index < counts[f"/{name}"] - lost
 
-    path = rewritten(whole, tmp_path / "stopped.mcap", kept(earlier), **STOPPED)
+    path = rewritten(whole, tmp_path / "stopped.mcap", kept(earlier), STOPPED)
     verdict = verify(Recording.open(path))
     assert verdict.exit_code == UNJUDGED, verdict.reasons
 

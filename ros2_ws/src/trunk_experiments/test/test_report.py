@@ -28,9 +28,10 @@ from trunk_experiments.views.report import make_report
 from trunk_experiments.views.report_page import render
 from trunk_experiments.views.rule_use import rule_use, times_fired
 from trunk_experiments.views.run_view import RunView
+from trunk_msgs_util.recording.writer import PROVENANCE
 from trunk_sim.operator_input import Applied
 
-from .rewritten import rewritten
+from ...trunk_msgs_util.test.mcap_files import ANEW, content, write_file
 
 
 def view_of(path):
@@ -324,9 +325,9 @@ def test_the_command_and_its_size(short_run, tmp_path, monkeypatch):
 
 
 def test_a_run_without_a_known_controller(short_run, tmp_path):
-    def only_truth(topic, data, index):
-        return data if topic == "ground_truth/joint_states" else None
-
-    path = rewritten(short_run("fig8", "pid"), tmp_path / "bare.mcap", only_truth, provenance={})
+    found, path = content(short_run("fig8", "pid")), tmp_path / "bare.mcap"
+    found.messages = found.of("/ground_truth/joint_states")
+    found.values(PROVENANCE).clear()
+    write_file(found, path, ANEW)
     words = " ".join(Page(render(make_report([view_of(path)]))).words)
     assert "No metrics" in words

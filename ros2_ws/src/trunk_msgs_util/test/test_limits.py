@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Metadata
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording import blocks, limits, reader, schemas
@@ -11,10 +11,10 @@ from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.samples import JointSample
 
-from .mcap_files import chunk, message, record, with_chunk
+from .mcap_files import channel, chunk, message, record, schema, write_records
 
 TYPE = topics.JOINT_STATE_TYPE
-DESCRIBED = record(Schema(1, b"", "ros2msg", TYPE)) + record(Channel(1, "/a", "cdr", {}, 1))
+DESCRIBED = schema(1, TYPE) + channel(1, "/a")
 
 
 def joints(k, names=("hip",), frame=""):
@@ -26,7 +26,7 @@ def joints(k, names=("hip",), frame=""):
 
 
 def opened(path, *parts):
-    return Recording.open(with_chunk(path, DESCRIBED + b"".join(parts)))
+    return Recording.open(write_records(path, DESCRIBED, *parts))
 
 
 def met(recording):
@@ -37,7 +37,7 @@ def met(recording):
 
 
 def stored(data):
-    return record(chunk(data, size=len(data), compression=""))
+    return chunk(data, compression="")
 
 
 @pytest.fixture
@@ -66,11 +66,9 @@ def test_bytes_of_all_chunks_together(tmp_path, small):
 
 
 def test_channels(tmp_path):
-    many = b"".join(
-        record(Channel(k, f"/t{k}", "cdr", {}, 1)) for k in range(2, limits.MAX_CHANNELS + 1)
-    )
+    many = b"".join(channel(k, f"/t{k}") for k in range(2, limits.MAX_CHANNELS + 1))
     assert not met(opened(tmp_path / "a", many))
-    one_more = record(Channel(0, "/more", "cdr", {}, 1))
+    one_more = channel(0, "/more")
     recording = opened(tmp_path / "a", many, one_more, message(1, 0, joints(0)))
     assert f"more than {limits.MAX_CHANNELS} topics" in met(recording)
     assert recording.topics["/a"].count == 0
@@ -79,7 +77,7 @@ def test_channels(tmp_path):
 @pytest.mark.parametrize("more", [0, 1])
 def test_the_name_of_a_topic(tmp_path, more):
     name = "/" + "n" * (limits.MAX_NAME - 1 + more)
-    recording = opened(tmp_path / "a", record(Channel(2, name, "cdr", {}, 1)))
+    recording = opened(tmp_path / "a", channel(2, name))
     assert (name in recording.topics) == (more == 0)
     assert bool(met(recording)) == bool(more)
 
@@ -126,8 +124,8 @@ def test_the_table_of_a_topic():
 def test_texts(tmp_path, monkeypatch):
     monkeypatch.setattr(reader, "MAX_TEXT", 1000)
     event = schemas.event(0, "/simulator", "reset")
-    kind = record(Schema(2, b"", "ros2msg", topics.DIAGNOSTIC_ARRAY_TYPE))
-    described = kind + record(Channel(2, "/run/events", "cdr", {}, 2))
+    kind = schema(2, topics.DIAGNOSTIC_ARRAY_TYPE)
+    described = kind + channel(2, "/run/events", 2)
     fits = 1000 // len(event)
     within = opened(tmp_path / "a", described, message(2, 0, event) * fits)
     assert len(within.events()) == fits
@@ -144,7 +142,7 @@ def test_what_is_read_ahead_outside_chunks_is_about_what_is_used(tmp_path, monke
     monkeypatch.setattr(
         blocks, "record_offsets", lambda data: read.append(len(data)) or original(data)
     )
-    pair = message(1, 0, joints(0)) + record(Channel(1, "/a", "cdr", {}, 1))
+    pair = message(1, 0, joints(0)) + channel(1, "/a")
     recording = opened(tmp_path / "a", pair * 3000)
     assert recording.topics["/a"].count == 3000
     assert sum(read) < 3000 * 5000

@@ -10,19 +10,14 @@ import zstandard
 
 from trunk_msgs_util.recording.chunk import MAX_CHUNK, chunk_records
 
-from .mcap_files import chunk, record
+from .mcap_files import chunk, zstd_frame_that_claims
 
 DATA = b"some records" * 50
 TB = 1 << 40
 
 
 def body(data: bytes, **options) -> bytes:
-    return record(chunk(data, **options))[9:]
-
-
-def zstd_frame_that_claims(size: int) -> bytes:
-    """A whole Zstandard frame: magic, a single segment of 8 bytes' size, one raw block."""
-    return struct.pack("<IBQ", 0xFD2FB528, 0b1110_0000, size) + b"\x01\x00\x00"
+    return chunk(b"", packed=data, **options)[9:]
 
 
 def lz4_frame_that_claims(size: int) -> bytes:

@@ -7,12 +7,10 @@ records): 416 files, as foxglove/mcap's tests/conformance generates them.
 from __future__ import annotations
 
 import hashlib
-import struct
 import zlib
 from itertools import chain, combinations
 
 import pytest
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader
 from mcap.records import (
@@ -37,7 +35,8 @@ from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.recover import recover
 from trunk_msgs_util.recording.structure import ERROR, structure
 
-MAGIC = b"\x89MCAP0\r\n"
+from .mcap_files import HEAD, MAGIC, finish, raw, record
+
 PADDING = b"\x01\xff\xff"
 # Formats that leave no room for extensions.
 FIXED = (Message, DataEnd, Footer)
@@ -85,57 +84,45 @@ VARIANTS = [
 ]
 
 
-class Builder:
-    """A file's bytes; records of kinds that may be extended are, with ``padded``."""
-
-    def __init__(self, padded):
-        self.data, self.padded = MAGIC, padded
-
-    def add(self, record):
-        """Append a record; return where it begins, and its length."""
-        builder = RecordBuilder()
-        record.write(builder)
-        data = builder.end()
-        if self.padded and not isinstance(record, UNPADDED):
-            data = data[:1] + struct.pack("<Q", len(data) - 9 + len(PADDING)) + data[9:] + PADDING
-        at = len(self.data)
-        self.data += data
-        return at, len(data)
-
-
 def made(content, features):
-    """Return the bytes of a variant."""
-    file = Builder("pad" in features)
-    file.add(Header("", ""))
-    messages = [record for record in content if isinstance(record, Message)]
+    """Return the bytes of a variant; records of kinds that may be extended are, with "pad"."""
+
+    def add(data, one):
+        """Append a record; return where it begins, and its length."""
+        at, written = len(data), record(one)
+        if "pad" in features and not isinstance(one, UNPADDED) and data is not inside:
+            written = raw(written[0], written[HEAD.size :] + PADDING)
+        data += written
+        return at, len(written)
+
+    file, inside, entries = bytearray(MAGIC), bytearray(), []
+    add(file, Header("", ""))
+    messages = [one for one in content if isinstance(one, Message)]
     start, end = (f((m.log_time for m in messages), default=0) for f in (min, max))
-    inside, entries = Builder(False), []
-    inside.data = b""
     groups = {kind: [] for kind in (Schema, Channel, Statistics, MetadataIndex, AttachmentIndex)}
-    for record in content:
-        in_chunk = "ch" in features and isinstance(record, Schema | Channel | Message)
-        at, length = (inside if in_chunk else file).add(record)
-        if in_chunk and isinstance(record, Message):
-            entries.append((record.log_time, at))
-        if isinstance(record, Metadata) and "mdx" in features:
-            groups[MetadataIndex].append(MetadataIndex(offset=at, length=length, name=record.name))
-        if isinstance(record, Attachment) and "ax" in features:
+    for one in content:
+        in_chunk = "ch" in features and isinstance(one, Schema | Channel | Message)
+        at, length = add(inside if in_chunk else file, one)
+        if in_chunk and isinstance(one, Message):
+            entries.append((one.log_time, at))
+        if isinstance(one, Metadata) and "mdx" in features:
+            groups[MetadataIndex].append(MetadataIndex(offset=at, length=length, name=one.name))
+        if isinstance(one, Attachment) and "ax" in features:
             groups[AttachmentIndex].append(
-                AttachmentIndex(at, length, 2, 1, len(record.data), record.name, record.media_type)
+                AttachmentIndex(at, length, 2, 1, len(one.data), one.name, one.media_type)
             )
-        if isinstance(record, Schema) and "rsh" in features:
-            groups[Schema].append(record)
-        if isinstance(record, Channel) and "rch" in features:
-            groups[Channel].append(record)
+        if isinstance(one, Schema) and "rsh" in features:
+            groups[Schema].append(one)
+        if isinstance(one, Channel) and "rch" in features:
+            groups[Channel].append(one)
     groups[ChunkIndex] = []
     if "ch" in features:
-        data = inside.data
-        at, length = file.add(Chunk("", data, end, start, zlib.crc32(data), len(data)))
+        data, n = bytes(inside), len(inside)
+        at, length = add(file, Chunk("", data, end, start, zlib.crc32(data), n))
         places, size = {}, 0
         if "mx" in features:
-            places[1], size = file.add(MessageIndex(1, entries))
+            places[1], size = add(file, MessageIndex(1, entries))
         if "chx" in features:
-            n = len(data)
             groups[ChunkIndex].append(ChunkIndex(length, at, "", n, end, size, places, start, n))
     if "st" in features:
         count = {kind: sum(isinstance(r, kind) for r in content) for kind in (Attachment, Channel)}
@@ -147,27 +134,15 @@ def made(content, features):
                 end, start, count[Metadata], count[Schema],
             )
         )  # fmt: skip
-    file.add(DataEnd(zlib.crc32(file.data)))
-    summary_start = len(file.data)
-    offsets = []
+    summary, offsets = bytearray(), bytearray()
+    begins = len(file) + len(record(DataEnd(0)))
     for records in groups.values():
-        begin = len(file.data)
-        for record in records:
-            file.add(record)
-        if len(file.data) > begin:
-            opcode = file.data[begin]
-            offsets.append(SummaryOffset(Opcode(opcode), begin, len(file.data) - begin))
-    has_summary, offset_start = len(file.data) > summary_start, 0
-    if "sum" in features:
-        offset_start = len(file.data)
-        for offset in offsets:
-            file.add(offset)
-    footer = Builder(False)
-    footer.add(Footer(summary_start if has_summary else 0, offset_start, 0))
-    head = footer.data[len(MAGIC) : -4]
-    crc = zlib.crc32(file.data[summary_start:] + head)
-    file.add(Footer(summary_start if has_summary else 0, offset_start, crc))
-    return file.data + MAGIC
+        at = len(summary)
+        for one in records:
+            add(summary, one)
+        if len(summary) > at and "sum" in features:
+            add(offsets, SummaryOffset(Opcode(summary[at]), begins + at, len(summary) - at))
+    return finish(bytes(file), bytes(summary + offsets), offsets=len(offsets))
 
 
 def test_they_are_the_published_files_byte_for_byte():

@@ -1,13 +1,11 @@
 from __future__ import annotations
 
-import struct
 import time
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mcap.writer import Writer
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording import schemas
@@ -16,6 +14,8 @@ from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
+
+from .mcap_files import records_of, write_mcap
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 
@@ -202,17 +202,9 @@ def test_a_topic_of_another_type_is_a_recording_error(tmp_path):
 
 
 def test_a_file_without_chunks_is_read(tmp_path):
-    path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, use_chunking=False)
-        writer.start("ros2")
-        definition = schemas.definition(topics.JOINT_STATE_TYPE)
-        schema = writer.register_schema(topics.JOINT_STATE_TYPE, "ros2msg", definition)
-        channel = writer.register_channel(TRUTH, "cdr", schema)
-        for k in range(5):
-            sample = JointSample(k, ("a",), (float(k),))
-            writer.add_message(channel, k, layout_of(sample).pack(sample), k)
-        writer.finish()
+    samples = [JointSample(k, ("a",), (float(k),)) for k in range(5)]
+    messages = [(TRUTH, k, layout_of(one).pack(one)) for k, one in enumerate(samples)]
+    path = write_mcap(tmp_path / "a.mcap", messages, use_chunking=False)
     assert Recording.open(path).joints(TRUTH).position.tolist() == [[0], [1], [2], [3], [4]]
 
 
@@ -253,11 +245,7 @@ def test_a_cut_file_is_its_valid_prefix(run_file):
 def test_an_offset_in_a_warning_is_that_of_the_record(run_file):
     path = run_file.write(20, flush_every=5, compression="none")
     data = path.read_bytes()
-    chunks, at = [], 8
-    while at < len(data) - 8:
-        if data[at] == 0x06:
-            chunks.append(at)
-        at += 9 + struct.unpack_from("<Q", data, at + 1)[0]
+    chunks = [at for opcode, at, _ in records_of(data) if opcode == 0x06]
     path.write_bytes(data[: chunks[0] + 50])
     assert f"inside the CHUNK record at byte {chunks[0]}" in Recording.open(path).warnings[0]
     altered = bytearray(data)

@@ -10,11 +10,10 @@ from trunk_msgs_util.recording import store as module
 from trunk_msgs_util.recording.file import RecordingFile
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.split import record_offsets
 from trunk_msgs_util.recording.summary import open_by_summary
 from trunk_msgs_util.samples import JointSample
 
-from .mcap_files import write_mcap
+from .mcap_files import records_of, write_mcap
 
 
 def messages(steps=300):
@@ -71,9 +70,7 @@ def test_without_an_index_there_is_no_glance(tmp_path, options):
 
 def statistics_count(data, channel):
     """Return where the statistics of a file have a channel's count of messages."""
-    start = struct.unpack_from("<Q", data, len(data) - 8 - 20)[0]
-    offsets, _ = record_offsets(data[start:-8])
-    (at,) = (start + at for at in offsets.tolist() if data[start + at] == Opcode.STATISTICS)
+    at = next(at for opcode, at, _ in records_of(data) if opcode == Opcode.STATISTICS)
     entries = at + 9 + struct.calcsize("<QHIIIIQQI")
     size = struct.calcsize("<HQ")
     return next(
