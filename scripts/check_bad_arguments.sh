@@ -6,4 +6,4 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null
 source scripts/env.sh
-python -m tests.bad_arguments.check "$@"
+python -m tests.hostile.arguments "$@"

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from tests.hostile.verbs import Arguments, of_recording
+from ros2_ws.src.trunk_experiments.test.verbs import Arguments, of_recording
 
 from trunk_experiments.api import plan, simulate
 from trunk_experiments.cli import OVERVIEW

@@ -7,29 +7,29 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_experiments.test.verbs import VERBS, Verb
 
-VERBS = (
-    ("info", "PIPE"),
-    ("verify", "PIPE"),
-    ("diff", "PIPE", "PIPE"),
-    ("branch", "PIPE", "--at", "1", "-o", "branch.mcap"),
-    ("study", "compare", "PIPE"),
-    ("sweep", "PIPE", "-o", "sweep.parquet"),
-    ("import", "fuzzy", "PIPE", "-o", "rules.yaml"),
-    ("simulate", "demo", "--controller", "pid", "--params", "PIPE", "-o", "run.mcap"),
-)
+# Of those that read a file; `sign` wants a key first, and `params apply` a running node.
+READERS = [
+    Verb(("plan", "demo", "--params"), ("params.yaml",), ".yaml"),
+    *(
+        verb
+        for verb in VERBS
+        if verb.inputs and Path(verb.inputs[0]).suffix and verb.words[0] not in ("sign", "params")
+    ),
+]
 
 
-@pytest.mark.parametrize("words", VERBS, ids=lambda words: words[0])
+@pytest.mark.parametrize("verb", READERS, ids=lambda verb: verb.name)
 def test_a_pipe_is_refused(
     trunk: Callable[..., tuple[int, str, str]],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    words: tuple[str, ...],
+    verb: Verb,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe.fis")
-    code, _, err = trunk(*("pipe.fis" if word == "PIPE" else word for word in words))
+    code, _, err = trunk(*("pipe.fis" if word in verb.inputs else word for word in verb.sound))
     assert code == 2
     assert err.startswith("trunk: error: ")
     assert "pipe.fis" in err

@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 
 def test_bad_arguments_lose_nothing_and_get_one_line() -> None:
-    command = [sys.executable, "-m", "tests.bad_arguments.check", "--every", "397"]
+    command = [sys.executable, "-m", "tests.hostile.arguments", "--every", "397"]
     run = finished(command, cwd=Path(__file__).parents[2])
     assert run.returncode == 0, run.stdout + run.stderr
     cases = run.stdout.splitlines()[-1]

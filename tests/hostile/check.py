@@ -15,10 +15,12 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from ros2_ws.src.trunk_experiments.test import verbs
+
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 
-from . import bombs, indexed, limited, oracle, tampered, texts, verbs
+from . import bombs, indexed, limited, oracle, tampered, texts
 
 WRONG = "wrong number"
 # Verbs that between them read everything; the others read the same.

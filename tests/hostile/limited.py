@@ -67,34 +67,39 @@ def load() -> None:
         import_module(name)
 
 
-def run(arguments: Sequence[object], folder: Path, seconds: float = SECONDS) -> Outcome:
+def run(
+    arguments: Sequence[object], folder: Path, seconds: float = SECONDS, memory: int = MEMORY
+) -> Outcome:
     """Run ``trunk`` with these arguments in a child of this process, within the limits."""
 
     def verb() -> None:
         sys.argv = ["trunk", *map(str, arguments)]
         import_module("trunk_experiments.cli").main()
 
-    return call(verb, folder, seconds)
+    return call(verb, folder, seconds, memory)
 
 
-def call(function: Callable[[], None], folder: Path, seconds: float = SECONDS) -> Outcome:
+def call(
+    function: Callable[[], None], folder: Path, seconds: float = SECONDS, memory: int = MEMORY
+) -> Outcome:
     """Call a function in a child of this process, within the limits."""
     out, err = folder / "out", folder / "err"
     child = os.fork()
     if child == 0:
-        _child(function, out, err, seconds)
+        _child(function, out, err, seconds, memory)
     _, status, used = os.wait4(child, 0)
     code = os.waitstatus_to_exitcode(status)
     texts = (path.read_text("utf-8", errors="replace") for path in (out, err))
     return Outcome(code, *texts, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024)
 
 
-def _child(function: Callable[[], None], out: Path, err: Path, seconds: float) -> None:
+def _child(function: Callable[[], None], out: Path, err: Path, seconds: float, memory: int) -> None:
     code = 70
     try:
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         for number, path in ((1, out), (2, err)):
             os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
         for one in (signal.SIGALRM, signal.SIGPROF):
             signal.signal(one, signal.SIG_DFL)
         signal.setitimer(signal.ITIMER_PROF, seconds)

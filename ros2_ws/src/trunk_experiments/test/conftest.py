@@ -3,7 +3,6 @@ from __future__ import annotations
 import shutil
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -15,6 +14,7 @@ from trunk_msgs_util.recording.schemas import parameter_event
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 
 from ...trunk_msgs_util.test.mcap_files import ANEW, content, write_file
+from .verbs import furnish
 
 
 @pytest.fixture(scope="session")
@@ -63,26 +63,10 @@ def hostile_run(short_run, tmp_path):
     return write_hostile(short_run("fig8", "fuzzy_pid"), path), WORDS
 
 
-DRAWN = """
-scenario: fig6
-rate: 100
-duration: 0.2
-controllers: [pid]
-vary:
-  angle: {parameter: "simulator.initial.position[1]", distribution: uniform, low: 0.1, high: 0.4}
-  mass: {parameter: simulator.plant.trunk_mass, distribution: uniform, low: 0.4, high: 0.6}
-"""
-STUDY = """
-scenario: fig6
-params: profile_practical
-rate: 200
-duration: 2.5
-controllers: [pid, lqr]
-set: {simulator.hip.mode: prescribed, simulator.path.amplitude: 0.03}
-vary:
-  delay: {parameter: simulator.sensor.delay, values: [0.0, 0.3]}
-  gain: {parameter: pid.gains.p, as: factor, values: [1.0, 1.5]}
-"""
+@pytest.fixture(scope="session")
+def furnished(tmp_path_factory):
+    """A folder with files of each kind (`furnish`), to be copied."""
+    return furnish(tmp_path_factory.mktemp("furnished"))
 
 
 @pytest.fixture
@@ -104,17 +88,10 @@ def command_says(monkeypatch, capfd):
 
 
 @pytest.fixture
-def recordings_here(tmp_path, monkeypatch, short_run):
-    """Go to a folder with two runs that fell, a sound one, two broken files and a study."""
+def recordings_here(tmp_path, monkeypatch, furnished):
+    """Go to a folder with files of each kind."""
+    shutil.copytree(furnished, tmp_path, symlinks=True, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    shutil.copy(short_run("fig8", "pid"), "a.mcap")
-    shutil.copy(short_run("fig8", "fuzzy_pid"), "b.mcap")
-    shutil.copy(short_run("fig6", "lqr"), "sound.mcap")
-    Path("cut.mcap").write_bytes(Path("a.mcap").read_bytes()[:-40_000])
-    Path("broken.mcap").write_bytes(b"nothing")
-    Path("study.yaml").write_text(STUDY)
-    Path("drawn.yaml").write_text(DRAWN)
-    Path("gait.csv").write_text("0,0\n0.1,1\n0.2,0\n0.3,-1\n0.4,0\n0.5,1\n")
     return tmp_path
 
 

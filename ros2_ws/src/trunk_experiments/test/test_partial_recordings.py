@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 import pytest
 from click.exceptions import Exit
@@ -22,6 +24,7 @@ from trunk_msgs_util.samples import JointSample
 
 from ...trunk_msgs_util.test.mcap_files import ANEW, copied, each
 from .documents import checked
+from .verbs import of_recording
 
 pytestmark = pytest.mark.slow  # every verb, every recording
 
@@ -290,23 +293,7 @@ def partial(name, whole, path):
     return rewritten(whole, path, EDITS[name] if name in EDITS else kept(PARTS[name]))
 
 
-VERBS = {
-    "metrics": ("metrics", "RUN"),
-    "plot": ("plot", "RUN", "-o", "OUT.svg"),
-    "report": ("report", "RUN", "-o", "OUT.html"),
-    "explain": ("explain", "RUN", "--at", "0.1"),
-    "compare": ("compare", "WHOLE", "RUN"),
-    "compare first": ("compare", "RUN", "WHOLE"),
-    "export --csv": ("export", "RUN", "--csv", "OUT.csv"),
-    "export --mcap": ("export", "RUN", "--mcap", "OUT.mcap"),
-    "simulate --like": ("simulate", "--like", "RUN", "-o", "OUT.mcap"),
-    "diff": ("diff", "WHOLE", "RUN"),
-    "diff first": ("diff", "RUN", "WHOLE"),
-    "verify": ("verify", "RUN"),
-    "info": ("info", "RUN"),
-    "doctor": ("doctor", "RUN"),
-    "recover": ("recover", "RUN", "-o", "OUT.mcap"),
-}
+VERBS = [*of_recording(Path(), Path(), Path())]
 
 
 # Each recording with a fifth of the verbs, each verb with a fifth of the recordings.
@@ -322,9 +309,7 @@ CASES = [
 @pytest.mark.parametrize(("part", "verb"), CASES)
 def test_one_line_at_most(part, verb, whole, tmp_path, trunk):
     path = partial(part, whole, tmp_path / "part.mcap")
-    places = {"RUN": path, "WHOLE": whole}
-    out_of = str(path.with_name("out"))
-    words = [str(places.get(word, word.replace("OUT", out_of))) for word in VERBS[verb]]
+    words = of_recording(path, whole, tmp_path)[verb]
     code, out, err = trunk(*words)
     errors = [line for line in err.splitlines() if not line.startswith("trunk: warning: ")]
     assert code in (0, 1, 2)
