@@ -16,9 +16,8 @@ import subprocess
 import sys
 from contextlib import suppress
 
+from trunk_experiments.runs.processes import stop  # this file also runs as a program
 from trunk_msgs_util.node import early_signals
-
-from .processes import stop
 
 _FIRST, _LAST = b"f", b"l"
 
