@@ -32,7 +32,6 @@ INTERNAL = {
     "LimitReachedError",
     "TrailingError",
     "NoKnobError",  # a parameter is none
-    "RestartError",  # begins a translation again
     "_Interrupted",
 }
 
