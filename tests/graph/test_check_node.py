@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.conformance.node_judge import findings
-from trunk_experiments.conformance.node_script import states_to_play
+from trunk_experiments.conformance.node_judge import findings, states_to_play
 from trunk_experiments.conformance.player_node import Player
 from trunk_experiments.errors import RunError
 

@@ -26,7 +26,7 @@ _LOADED = (
             *("plan", "plot", "recover", "report", "simulate", "study.sweep", "verify"),
         )
     ),
-    "trunk_experiments.console.options",
+    "trunk_experiments.console.plan_options",
     "trunk_experiments.recorded.run",
     "trunk_experiments.runs.offline_recording",
     "trunk_experiments.views.plots",

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from trunk_experiments.lab.page import write
+from trunk_experiments.lab.data import write
 
 from .experiments import (
     LAWS,

@@ -14,7 +14,7 @@ import pytest
 
 import trunk_experiments.lab as lab_package
 from trunk_experiments.gateway.protocol import plain
-from trunk_experiments.lab.recording_template import recording_template
+from trunk_experiments.lab.data import recording_template
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.runs.engine import Engine
 from trunk_experiments.runs.loop_inputs import disturbance_source, states_of

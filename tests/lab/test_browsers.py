@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from trunk_experiments.lab.page import write
+from trunk_experiments.lab.data import write
 from trunk_experiments.lab.wasm import missing_tools
 
 from .experiments import LAWS, NODE, in_node, in_page, lab_for, plans_of, random_setup

@@ -15,10 +15,8 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from trunk_experiments.branching.branch import Branch
-from trunk_experiments.branching.change import branched
+from trunk_experiments.branching.branch import Branch, branched, resumed, state_at
 from trunk_experiments.branching.record import record_branch
-from trunk_experiments.branching.resume import resumed, state_at
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff

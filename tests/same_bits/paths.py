@@ -15,10 +15,8 @@ from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.batch.block import summary_of
 from trunk_experiments.batch.check import column_difference, lane_columns
 from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.branching.branch import Branch
-from trunk_experiments.branching.change import branched
+from trunk_experiments.branching.branch import Branch, branched, resumed, state_at
 from trunk_experiments.branching.record import record_branch
-from trunk_experiments.branching.resume import resumed, state_at
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff

@@ -74,7 +74,7 @@ def unchanged(memory: LawMemory, sample: Sample, before: Constants, after: Const
     return memory
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Law:
     """A control law. Its functions are pure: CPython runs them and numba compiles them unchanged.
 

@@ -12,8 +12,7 @@ import pytest
 from trunk_control.law import Law
 from trunk_control.laws import law_named
 from trunk_experiments.batch import compiled_run
-from trunk_experiments.conformance import CHECKS, LawCheck, conformance
-from trunk_experiments.conformance.sources import _problems
+from trunk_experiments.conformance.law import CHECKS, LawCheck, _problems, conformance
 from trunk_experiments.plans.nodes import CONTROLLERS
 
 from .faulty_laws import FAULTS, HONEST

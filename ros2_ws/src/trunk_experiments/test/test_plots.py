@@ -12,8 +12,7 @@ from matplotlib.colors import to_rgb
 from trunk_experiments.cli import trunk
 from trunk_experiments.errors import PlanError
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.views.plot_style import COLORS, line_style, save
-from trunk_experiments.views.plots import overview, paper_figure
+from trunk_experiments.views.plots import COLORS, line_style, overview, paper_figure, save
 from trunk_experiments.views.run_view import RunView, labels, off_scale
 from trunk_msgs_util.mechanics import path_height
 

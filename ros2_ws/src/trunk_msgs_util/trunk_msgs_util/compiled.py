@@ -142,30 +142,45 @@ def compiled(function: Function) -> Function:
     return twin
 
 
-def compiled_or_plain(function: Function, report: Callable[[str], None]) -> Function:
-    """Return the compiled twin; where numba refuses a function, its calls run in CPython, with the same bits.
+def refusal(function: Function, *example: object) -> str:
+    """Return in one line why numba refuses a call of a function's twin; empty if it does not: it is made.
 
-    ``told`` is called once, with numba's reason in one line.
+    Raises ImportError without numba.
     """
     from numba.core.errors import NumbaError
 
-    twin, plain = compiled(function), False
+    try:
+        compiled_twin = twin(function)
+        compiled_twin(*example)
+    except NumbaError as error:
+        return _reason_of(error)
+    return ""
+
+
+def compiled_or_plain(function: Function, report: Callable[[str], None]) -> Function:
+    """Return the compiled twin; where numba refuses a function, its calls run in CPython, with the same bits.
+
+    ``report`` is called once, with numba's reason in one line.
+    """
+    from numba.core.errors import NumbaError
+
+    quick, plain = twin(function), False
 
     @wraps(function)
     def run(*arguments: Any) -> Any:
         nonlocal plain
         if not plain:
             try:
-                return twin(*arguments)
+                return quick(*arguments)
             except NumbaError as error:
                 plain = True
-                report(reason_of(error))
+                report(_reason_of(error))
         return function(*arguments)
 
     return cast(Function, run)
 
 
-def reason_of(error: Exception) -> str:
+def _reason_of(error: Exception) -> str:
     """Return numba's reason in one line: what it does not know, and where."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     reasons = [

@@ -22,19 +22,25 @@ from trunk_sim.simulation import DivergedError
 
 from ..analysis.parameter_text import ChangedParameter
 from ..errors import LibraryError, PlanError, StudyError, SweepError
-from ._branch import branch
-from ._gains import Limit, explain, limit, tune
-from ._metrics import Metrics, metrics
-from ._names import Parameter, controllers, parameter_files, parameters, scenarios, studies
-from ._picture import Picture, plot, report
 from ._plan import Plan, plan
-from ._run import Run
-from ._simulate import load, simulate
+from ._results import CheckedPart, Metrics, Picture, Verification, metrics, plot, report, verify
+from ._run import Run, branch, load, simulate
 from ._study import Contender, Study, Variation, draw, grid, read_study, study
 from ._sweep import PairedDifference, Sweep, load_sweep, sweep
-from ._tuning import DrawsOutcome, Learned, Optimum, Relay, learn, optimise, relay
-from ._units import UNITS
-from ._verify import CheckedPart, Verification, verify
+from ._tuning import (
+    DrawsOutcome,
+    Learned,
+    Limit,
+    Optimum,
+    Relay,
+    explain,
+    learn,
+    limit,
+    optimise,
+    relay,
+    tune,
+)
+from ._values import UNITS, Parameter, controllers, parameter_files, parameters, scenarios, studies
 
 __all__ = [  # noqa: RUF022 (in the order in which docs/api.md describes them)
     "plan",

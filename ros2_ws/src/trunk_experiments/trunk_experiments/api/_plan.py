@@ -14,9 +14,17 @@ from trunk_msgs_util.text import printable
 from ..errors import PlanError, did_you_mean
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, Swap, make_plan
-from ._paths import AnyPath, output_path, path_of, writing
-from ._shown import html_table, keyed
-from ._values import layers_of, names_of, number_of
+from ._values import (
+    AnyPath,
+    html_table,
+    keyed,
+    layers_of,
+    names_of,
+    number_of,
+    output_path,
+    path_of,
+    writing,
+)
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,24 +1,34 @@
-"""`Run`: a recorded run as arrays, with what the recording says about it."""
+"""`Run`: a recorded run as arrays, with what the recording says about it; where runs come from."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+import tempfile
+import weakref
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.topic import RecordingError
 from trunk_msgs_util.text import printable
 
 from ..errors import PlanError
-from ._paths import AnyPath, output_path, writing
 from ._plan import Plan
-from ._shown import html_table, keyed
-from ._units import COLUMNS
+from ._values import (
+    COLUMNS,
+    AnyPath,
+    html_table,
+    keyed,
+    mapping_of,
+    output_path,
+    path_of,
+    plain,
+    writing,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -208,7 +218,7 @@ class Run:
 
         Raises LibraryError if pandas is not installed.
         """
-        from ._frames import frame
+        from ._values import frame
 
         return frame(self.arrays(), index="t")
 
@@ -258,3 +268,111 @@ class Run:
         }
         rows = [*facts.items(), *(("doubt", line) for line in self.doubts)]
         return html_table("Run", ("", ""), rows)
+
+
+def load(path: AnyPath) -> Run:
+    """Return a recorded run, from an MCAP file or from a folder that holds one, such as a ROS 2 bag.
+
+    Broken files are read as far as they are sound: see `Run.doubts` and `Run.warnings`.
+    Raises RecordingError for a file that is missing, cannot be read or is not MCAP.
+    """
+    from ..recorded.run import RecordedRun
+
+    return Run(RecordedRun.open(path_of(path, "recording")))
+
+
+def simulate(plan: Plan, *, output: AnyPath | None = None, overwrite: bool = False) -> Run:
+    """Run a plan without ROS and return the recording: the same bits as the graph in lock-step.
+
+    ``output``: the MCAP file to write; None: a temporary one that is deleted with the `Run`; `Run.save`
+    keeps it. ``overwrite``: replace it if it exists.
+
+    Raises PlanError for a plan that needs the graph or an output that cannot be written, and DivergedError
+    if the loop is unstable: an ``output`` then holds the run up to its last finite state.
+    """
+    from ..runs.offline_recording import record_offline
+
+    if not isinstance(plan, Plan):
+        raise PlanError(f"simulate: {plan!r} is not a plan: give what trunk.plan(...) returns")
+    name = f"{plan.scenario}_{'_'.join(plan.controllers)}.mcap"
+    return recorded(
+        lambda path: record_offline(plan._plan, path, overwrite=overwrite), name, output, overwrite
+    )
+
+
+def recorded(
+    record: Callable[[Path], object],
+    name: str,
+    output: AnyPath | None,
+    overwrite: bool,
+    inputs: Iterable[Path] = (),
+) -> Run:
+    """Return the run that ``record`` writes to ``output``; None: to a temporary file of this name.
+
+    A temporary file is deleted with the `Run`. ``inputs``: files that must not be written.
+    """
+    from ..recorded.run import RecordedRun
+
+    if output is not None:
+        path = output_path(output, (".mcap",), overwrite, inputs)
+        with writing(path):
+            record(path)
+        return Run(RecordedRun.open(path))
+    with writing(Path(tempfile.gettempdir())):
+        folder = tempfile.mkdtemp(prefix="trunk_")
+    path = Path(folder) / name
+    try:
+        with writing(path):
+            record(path)
+        run = Run(RecordedRun.open(path))
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    weakref.finalize(run, shutil.rmtree, folder, True)
+    return run
+
+
+def run_of(value: Run | AnyPath) -> Run:
+    """Return a run, or the one that is recorded at a path."""
+    return value if isinstance(value, Run) else load(value)
+
+
+def branch(
+    run: Run | AnyPath,
+    at: float,
+    *,
+    overrides: Mapping[str, Any] = MappingProxyType({}),
+    controller: str = "",
+    pushes: Sequence[str] = (),
+    duration: float | None = None,
+    output: AnyPath | None = None,
+    overwrite: bool = False,
+) -> Run:
+    """Return a run that is the recorded one up to ``at`` s, and from then on simulated with a change.
+
+    ``overrides``: values from then on, by ``"NODE.PARAM"``, in SI units and radians.
+    ``controller``: who acts from then on; empty: as recorded.
+    ``pushes``: pulses, such as ``"60Nm:0.1s"`` or ``"hip_effort=300N:50ms@2.5s"``.
+    ``duration``: when it ends, in s; None: as planned. ``output``, ``overwrite``: as for `simulate`.
+
+    Raises PlanError for a change that is not possible, RecordingError for a run that does not verify up to
+    ``at``, and DivergedError.
+    """
+    from ..branching.branch import Branch, branched, resumed, state_at
+    from ..branching.record import record_branch
+
+    if isinstance(pushes, str):
+        raise PlanError(f"pushes {pushes!r}: a list is needed, such as ['60Nm:0.1s']")
+    values = mapping_of(overrides, "overrides", "{'NODE.PARAM': value}")
+    settings = tuple(f"{name}={plain(value)}" for name, value in values.items())
+    change = Branch(float(at), settings, controller, tuple(pushes))
+    parent = run_of(run)._recorded
+    start = resumed(parent, state_at(parent, change.at, bool(controller)))
+    made = branched(parent, start, change, duration)
+    return recorded(
+        lambda path: record_branch(parent, change, made, path, overwrite),
+        "branch.mcap",
+        output,
+        overwrite,
+        [parent.path],
+    )

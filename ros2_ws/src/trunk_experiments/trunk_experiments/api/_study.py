@@ -12,8 +12,7 @@ import yaml
 from trunk_msgs_util.yaml_text import dump
 
 from ..errors import StudyError
-from ._paths import AnyPath, path_of
-from ._values import mapping_of, names_of, number_of, plain
+from ._values import AnyPath, mapping_of, names_of, number_of, path_of, plain
 
 if TYPE_CHECKING:
     from ..study.study import StudySpec

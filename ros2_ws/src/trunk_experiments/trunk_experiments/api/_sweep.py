@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 from trunk_msgs_util.text import printable
 
 from ..errors import PlanError, StudyError, SweepError
-from ._paths import AnyPath, output_path, path_of, writing
-from ._picture import Picture
-from ._shown import html_table
+from ._results import Picture
 from ._study import Study
+from ._values import AnyPath, html_table, output_path, path_of, writing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,7 +119,7 @@ class Sweep:
 
         Raises LibraryError if pandas is not installed.
         """
-        from ._frames import frame
+        from ._values import frame
 
         return frame(self.arrays(), index="run")
 

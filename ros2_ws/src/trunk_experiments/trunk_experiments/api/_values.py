@@ -1,15 +1,130 @@
-"""Parameter values as callers give them: of Python's or NumPy's types, by ``NODE.PARAM``."""
+"""What callers give (paths, values, names), and how results are shown (units, tables, data frames)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from trunk_control.laws import law_named
+from trunk_msgs_util.parameters.csv_parameters import listed
+from trunk_msgs_util.parameters.declarations import Value
 from trunk_msgs_util.parameters.files import Layer, Section
+from trunk_msgs_util.text import printable
 
-from ..errors import PlanError, did_you_mean
+from ..analysis.metrics import QUANTITIES
+from ..analysis.run_table import DISTURBANCE, TABLE_UNITS
+from ..analysis.run_table import UNITS as OF_TERMS
+from ..errors import LibraryError, PlanError, did_you_mean
+from ..plans.files import SCENARIOS, shipped_files
 from ..plans.nodes import CONTROLLERS, NODES
-from ._paths import AnyPath, path_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+AnyPath = str | os.PathLike[str]
+
+
+def path_of(value: AnyPath, subject: str) -> Path:
+    """Return a path. Raises PlanError, naming what it is for, if the value is not a path."""
+    if not isinstance(value, str | os.PathLike) or "\0" in str(value):
+        raise PlanError(f"{subject} {value!r} is not a path: give a string or a pathlib.Path")
+    return Path(value)
+
+
+def output_path(
+    value: AnyPath, suffixes: Sequence[str], overwrite: bool, inputs: Iterable[Path] = ()
+) -> Path:
+    """Return the path of a file that may be written.
+
+    Raises PlanError for a file that exists, unless ``overwrite``, for one of the ``inputs``, for any other
+    suffix and for a folder that does not exist.
+    """
+    from ..console.outputs import check_output
+
+    path = path_of(value, "output")
+    with writing(path):
+        if path.exists() and not path.is_dir() and not overwrite:
+            raise PlanError(f"output {path}: it exists: give another name, or overwrite=True")
+        return check_output(path, suffixes, True, inputs, "output")
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn an OSError from writing a file into a PlanError that names the file."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or " ".join(str(error).split())
+        raise PlanError(f"output {path}: {reason}: give another place") from None
+
+
+COLUMNS = tuple(TABLE_UNITS)  # of a run, in order
+
+UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        **TABLE_UNITS,
+        **OF_TERMS,
+        **DISTURBANCE,
+        **{name: quantity.unit for name, quantity in QUANTITIES.items()},
+        "diverged_at_s": "s",
+    }
+)
+
+
+Inner = TypeVar("Inner")
+
+
+def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table in HTML, every text escaped: a recording's words are not markup."""
+
+    def line(tag: str, cells: Sequence[object]) -> str:
+        aligned = ("left", *("right" for _ in cells[1:])) if len(cells) > 2 else ("left", "left")
+        return "".join(
+            f'<{tag} style="text-align: {side}">{escape(printable(str(cell)))}</{tag}>'
+            for cell, side in zip(cells, aligned, strict=False)
+        )
+
+    head = f"<thead><tr>{line('th', header)}</tr></thead>" if any(header) else ""
+    body = "".join(f"<tr>{line('td', row)}</tr>" for row in rows)
+    caption = f'<caption style="text-align: left"><b>{escape(printable(title))}</b></caption>'
+    return f"<table>{caption}{head}<tbody>{body}</tbody></table>"
+
+
+def text_table(rows: Iterable[Sequence[str]]) -> str:
+    """Return rows as text in columns: the first left, the second right, the rest left."""
+    cells = [[printable(cell) for cell in row] for row in rows]
+    first, second = (max((len(row[i]) for row in cells), default=0) for i in (0, 1))
+    return "\n".join(
+        f"{row[0]:{first}}  {row[1]:>{second}}  {' '.join(row[2:])}".rstrip() for row in cells
+    )
+
+
+def keyed(nested: Mapping[str, Mapping[str, Inner]]) -> Mapping[str, Mapping[str, Inner]]:
+    """Return nested mappings that cannot be changed."""
+    return MappingProxyType({key: MappingProxyType(dict(inner)) for key, inner in nested.items()})
+
+
+def frame(columns: Mapping[str, Any], index: str) -> pd.DataFrame:
+    """Return columns as a DataFrame with one of them as its index, and their units in ``attrs["units"]``.
+
+    Raises LibraryError if pandas is not installed.
+    """
+    try:
+        import pandas as pd
+    except ImportError:
+        raise LibraryError(
+            "frame: pandas is not installed; install it with: pip install -r requirements/notebook.txt"
+        ) from None
+    table = pd.DataFrame(dict(columns)).set_index(index)
+    table.attrs["units"] = {name: UNITS[name] for name in columns if name in UNITS}
+    return table
 
 
 def plain(value: Any) -> Any:
@@ -62,3 +177,63 @@ def number_of(value: Any, subject: str) -> Any:
     if isinstance(value, bool) or not isinstance(value, int | float | str | None):
         raise PlanError(f"{subject} {value!r}: a number is needed")
     return value
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What a node declares about one parameter. Made by `parameters`.
+
+    ``default`` is in ``unit``, SI; ``fixed``: it cannot change while a node runs.
+    """
+
+    name: str
+    default: Value
+    unit: str
+    allowed: str
+    description: str
+    fixed: bool
+
+
+def scenarios() -> dict[str, str]:
+    """Return the shipped scenarios by name, with a line about each."""
+    return {name: text for name, text in _shipped().items() if name in SCENARIOS}
+
+
+def parameter_files() -> dict[str, str]:
+    """Return the shipped parameter files by name, with a line about each: gains, tables, profiles."""
+    return {name: text for name, text in _shipped().items() if name not in SCENARIOS}
+
+
+def controllers() -> dict[str, str]:
+    """Return the label of each controller, by the name of its node."""
+    return {name: law_named(name).label for name in CONTROLLERS}
+
+
+def studies() -> dict[str, str]:
+    """Return the shipped studies by name, with a line about each."""
+    from ..study.file import shipped_studies
+
+    return {name: _first_line(path) for name, path in shipped_studies().items()}
+
+
+def parameters(node: str) -> tuple[Parameter, ...]:
+    """Return the parameters of ``simulator``, ``disturbance``, ``recorder`` or a controller, for `plan`.
+
+    Raises PlanError for any other name.
+    """
+    if not isinstance(node, str) or node not in NODES:
+        raise PlanError(
+            f"no node {node!r}: give one of {', '.join(NODES)}{did_you_mean(str(node), NODES)}"
+        )
+    return tuple(
+        Parameter(d.name, d.default, d.unit, d.allowed(), d.description, d.fixed)
+        for d in listed(NODES[node].config).values()
+    )
+
+
+def _shipped() -> dict[str, str]:
+    return {name: _first_line(path) for name, path in shipped_files().items()}
+
+
+def _first_line(path: Path) -> str:
+    return path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")

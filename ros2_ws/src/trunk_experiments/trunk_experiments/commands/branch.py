@@ -21,7 +21,7 @@ from ..console.terminal import line_of, report_error
 from ..errors import PlanError
 
 if TYPE_CHECKING:
-    from ..branching.change import Branched
+    from ..branching.branch import Branched
     from ..recorded.run import RecordedRun
 
 _LONG = 100_000  # states, which take seconds
@@ -186,8 +186,7 @@ def _name(branch: Branch) -> str:
 
 def _branched(parent: RecordedRun, branch: Branch, duration: float | None) -> Branched:
     """Return a branch that is ready to run. Raises PlanError and RecordingError if it cannot be run."""
-    from ..branching.change import branched
-    from ..branching.resume import resumed, state_at
+    from ..branching.branch import branched, resumed, state_at
 
     try:
         begun = resumed(parent, state_at(parent, branch.at, bool(branch.controller)))

@@ -294,7 +294,7 @@ def _study(
     from ..study.study import Target
 
     if output is not None:
-        from ..views.plot_style import SUFFIXES
+        from ..views.plots import SUFFIXES
 
         check_output(output, tuple(SUFFIXES), force, [name])
     study = read_study(name)
@@ -319,7 +319,7 @@ def _study(
         curves = survival(study, target, values, progress)
     if output is not None:
         from ..study.map import draw_survival
-        from ..views.plot_style import save, with_unit
+        from ..views.plots import save, with_unit
 
         title = f"{name}: {next(iter(curves.values())).runs} runs at each value, 95 % intervals"
         save(draw_survival(curves, with_unit(vary, unit), title), output)

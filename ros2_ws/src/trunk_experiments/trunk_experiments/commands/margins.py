@@ -50,7 +50,7 @@ def command(
     if str(run) in CONTROLLERS and not Path(str(run)).exists():
         raise PlanError(f"{run} is a controller: give --controller {run}")
     if output is not None:
-        from ..views.plot_style import SUFFIXES
+        from ..views.plots import SUFFIXES
 
         check_output(output, tuple(SUFFIXES), force, [run] if run else list(params))
     if run is None:
@@ -67,7 +67,7 @@ def command(
     rows = plan_margins(plan)
     if output is not None:
         from ..tuning.loop_plot import draw
-        from ..views.plot_style import save
+        from ..views.plots import save
 
         rate_text = f"{plan.controller.update_rate:g} Hz"
         drawn = [row for row in rows if row.at in plan.controllers]

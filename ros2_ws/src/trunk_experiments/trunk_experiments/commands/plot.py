@@ -48,8 +48,7 @@ def command(
     if rules and (number or len(runs) > 1):
         raise click.UsageError(f"--{rules}: give one run, and no --fig")
     from ..replay.doubts import doubts_of
-    from ..views.plot_style import SUFFIXES, save
-    from ..views.plots import overview, paper_figure
+    from ..views.plots import SUFFIXES, overview, paper_figure, save
 
     default = Path(f"fig{number}.png") if number else default_name(runs[0], ".png")
     default = default.with_stem(f"{default.stem}_{rules}") if rules else default

@@ -19,8 +19,15 @@ from trunk_msgs_util.node.strangers import Sender, Senders, misfits, near_misses
 from trunk_msgs_util.samples import JointSample
 
 from ..errors import RunError
-from .node_judge import Exchange, TimedCommand, Transcript
-from .node_script import SILENCE, SILENT_S, Played, states_to_play
+from .node_judge import (
+    SILENCE,
+    SILENT_S,
+    Exchange,
+    Played,
+    TimedCommand,
+    Transcript,
+    states_to_play,
+)
 
 _ANSWER_S = 0.25  # for an answer; a few states that have none make the wait shorter
 _HURRY_S = 0.02

@@ -242,8 +242,8 @@ def _place_of(
         return None
     before, after = (list(_numbers(program, c.constants, t)) for c in (config, other))
     changed = [new for old, new in zip(before, after, strict=False) if old != new]
-    one = len(after) == len(before) and len(changed) == 1
-    return changed[0][0] if one and changed[0][1] == struct.pack("<d", value) else ""
+    single = len(after) == len(before) and len(changed) == 1
+    return changed[0][0] if single and changed[0][1] == struct.pack("<d", value) else ""
 
 
 def _numbers(program: Program, value: Any, t: Type, place: str = "") -> Iterator[tuple[str, Any]]:

@@ -155,7 +155,7 @@ class Program(Definitions):
 
 
 @dataclass
-class _Variable:
+class _Local:
     """A local name of Python: how it is read, and the block where it got its type."""
 
     value: Value
@@ -175,7 +175,7 @@ class _Function:
         self.loads = {node.id for node in names if isinstance(node.ctx, ast.Load)}
         cells = [cell.cell_contents for cell in python.__closure__ or ()]
         self.free = dict(zip(python.__code__.co_freevars, cells, strict=True))
-        self.variables: dict[str, _Variable] = {}
+        self.variables: dict[str, _Local] = {}
         self.taken: set[str] = set()  # C names of variables
         self.declared: list[tuple[str, Type]] = []  # variables that are declared at the top
         self.fixed: set[str] = set()  # C names whose values never change
@@ -216,7 +216,7 @@ class _Function:
                     self.fixed.add(c)
                 elif record:  # the argument itself stays as it is
                     value = Value(t, self.new(value, name))
-            self.variables[name] = _Variable(value, self.root)
+            self.variables[name] = _Local(value, self.root)
         if not self.statements(self.tree.body):
             self._return(Value(NOTHING))
         module, t = self.python.__module__, self.result or NOTHING
@@ -310,7 +310,7 @@ class _Function:
                 self._fill(f"{place}.{self.program.field(value.type, i)}", part)
 
     def initial(self, value: Value) -> str:
-        """Return what stands behind the sign of equality where a variable is declared."""
+        """Return a variable's initializer: the text behind the sign of equality where it is declared."""
         if value.parts is None:
             return bare(value.code)
         inside = ", ".join(self.initial(p) for p in value.parts if at_run_time(p.type))
@@ -581,10 +581,10 @@ class _Function:
         if variable is None:
             once = self.stores[name] == 1
             if not at_run_time(t) or (once and self._stays(value)):
-                self.variables[name] = _Variable(value, self.lines)
+                self.variables[name] = _Local(value, self.lines)
                 return
             c = self.local(name)
-            self.variables[name] = variable = _Variable(Value(t, c), self.lines)
+            self.variables[name] = variable = _Local(Value(t, c), self.lines)
             if once and not self.loops:
                 self.fixed.add(c)
             if once and self.lines is self.root:

@@ -19,8 +19,7 @@ from trunk_msgs_util.files import atomic_write
 
 from ..analysis.metrics import missing
 from ..recorded.run import RecordedRun
-from ..views.plot_style import save
-from ..views.plots import paper_figure
+from ..views.plots import paper_figure, save
 from ..views.report import make_report
 from ..views.report_page import write
 from ..views.run_view import RunView

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from ..views.plot_style import STYLE
+from ..views.plots import STYLE
 from .importing import Imported
 
 _POINTS = 201  # along each input

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from functools import partial
+from functools import lru_cache, partial
 from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from trunk_control.controller import Controller
-from trunk_msgs_util.compiled import compiled, reason_of, with_arrays
+from trunk_control.law import Law
+from trunk_msgs_util.compiled import refusal, twin, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
@@ -90,8 +91,7 @@ def code_for(plan: RunPlan, first: int, inputs: SegmentInputs, compiled: bool | 
 
 def _plain_code(plan: RunPlan, controllers: Sequence[Controller]) -> Code:
     """Return the loop in CPython."""
-    laws = [controller.law for controller in controllers]
-    segment = segment_of(*laws, keep=keep_states, tell=write_terms)
+    segment = _loop_of(*(controller.law for controller in controllers))
 
     def code(first: int, stop: int, inputs: SegmentInputs) -> tuple[int, int, LoopState]:
         surroundings, state, controllers, *arrays = inputs
@@ -104,14 +104,14 @@ def _plain_code(plan: RunPlan, controllers: Sequence[Controller]) -> Code:
     return code
 
 
-_compiled: dict[tuple[str, ...], Callable[..., tuple[int, int, LoopState]]] = {}
+@lru_cache(32)
+def _loop_of(*laws: Law) -> Callable[..., tuple[int, int, LoopState]]:
+    return segment_of(*laws, keep=keep_states, tell=write_terms)
 
 
 def _compiled_code(plan: RunPlan, inputs: SegmentInputs) -> Code:
     """Return the loop as compiled code, after a call that computes no state. Raises as `code_for` does."""
-    import numba
-
-    laws = tuple(controller.law.name for controller in inputs.controllers)
+    segment = _loop_of(*(controller.law for controller in inputs.controllers))
 
     def given(inputs: SegmentInputs) -> tuple[Any, ...]:
         surroundings, state, controllers, noise, history, schedule, out = inputs
@@ -125,17 +125,11 @@ def _compiled_code(plan: RunPlan, inputs: SegmentInputs) -> Code:
         arrays = noise, history, of_one_type(schedule), out
         return for_compiler(surroundings), state, chain, *arrays
 
-    if laws not in _compiled:
-        loop = [controller.law for controller in inputs.controllers]
-        segment = segment_of(*loop, keep=keep_states, tell=write_terms)
-        try:
-            _compiled[laws] = compiled(segment)
-            _compiled[laws](0, 0, *given(inputs))
-        except numba.core.errors.NumbaError as error:
-            reason = reason_of(error)
-            raise PlanError(f"{', '.join(laws)}: not compilable: {reason}") from None
-    segment = _compiled[laws]
-    return lambda first, stop, inputs: segment(first, stop, *given(inputs))
+    if reason := refusal(segment, 0, 0, *given(inputs)):
+        laws = ", ".join(controller.law.name for controller in inputs.controllers)
+        raise PlanError(f"{laws}: not compilable: {reason}")
+    quick = twin(segment)
+    return lambda first, stop, inputs: quick(first, stop, *given(inputs))
 
 
 class Checkpoint(NamedTuple):

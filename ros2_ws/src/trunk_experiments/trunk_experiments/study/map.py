@@ -28,7 +28,7 @@ from ..batch.workers import as_completed_bounded, worker_pool
 from ..errors import PlanError, StudyError, SweepError
 from ..plans.plan import RunPlan
 from ..tuning.floquet import floquet, prepared
-from ..views.plot_style import COLORS, STYLE, line_style, with_unit
+from ..views.plots import COLORS, STYLE, line_style, with_unit
 from .file import shown_unit
 from .results import METRICS, Results
 from .rows import plan_of

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from ..analysis.metrics import QUANTITIES
 from ..errors import StudyError
 from ..parts.inline import part
-from ..views.plot_style import drawn
+from ..views.plots import drawn
 from .compare import (
     RESAMPLES,
     Falls,

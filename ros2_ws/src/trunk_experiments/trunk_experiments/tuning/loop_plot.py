@@ -11,7 +11,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..views.plot_style import COLORS, STYLE
+from ..views.plots import COLORS, STYLE
 from .linear import LinearLoop
 from .margins import LoopMargins
 

@@ -5,37 +5,279 @@ Drawn only on `matplotlib.figure.Figure`: no window, no global state, whatever t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from io import BytesIO
 from math import isfinite, nan
-from typing import Any
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.mechanics import path_height
+from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import SETTLING_BAND_DEG
-from .plot_marks import (
-    BAND,
-    LIMIT,
-    REFERENCE,
-    branches,
-    context_handles,
-    falls,
-    legend,
-    pulse_spans,
-    run_handles,
-    turns,
-    with_doubts,
+from ..errors import PlanError
+from ..replay.doubts import doubts_of
+from .own_terms import gains_told, own_terms, values_of_term
+from .run_view import Pulse, RunView, labels, off_scale
+
+if TYPE_CHECKING:
+    from trunk_msgs_util.recording.joint_arrays import Floats
+
+    from .run_view import RunView
+
+
+# Okabe and Ito's colours without the yellow, distinct with any colour vision, and a violet; line styles that
+# survive grey print.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#5E4FA2")
+DASHES: tuple[Any, ...] = (
+    "solid",
+    (0, (6, 1.6)),
+    (0, (6, 1.4, 1.2, 1.4)),
+    (0, (1.2, 1.2)),
+    (0, (9, 2, 3, 2)),
 )
-from .plot_panels import Panel, panels_of
-from .plot_style import COLORS, STYLE, line_style
-from .run_view import RunView, labels, off_scale
+SUFFIXES: dict[str, dict[str, Any]] = {  # and what keeps the date out of the file
+    ".png": {},
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None},
+}
+DPI = 150
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.linewidth": 0.7,
+    "axes.edgecolor": "#444444",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.5,
+    "legend.frameon": False,
+    "mathtext.fontset": "dejavusans",
+    "svg.hashsalt": "trunk",  # the same run gives the same file
+    "svg.fonttype": "none",  # text stays text
+    "pdf.fonttype": 42,
+}
+
+
+def with_unit(label: str, unit: str) -> str:
+    """Return an axis' label: a quantity, and its unit in parentheses with dots between factors."""
+    return f"{label} ({unit.replace(' ', '·')})" if unit else label
+
+
+def line_style(index: int) -> dict[str, Any]:
+    """Return colour and dashes of the i-th run; up to 8 x 5 runs look different."""
+    return {
+        "color": COLORS[index % len(COLORS)],
+        "linestyle": DASHES[index % len(DASHES)],
+    }
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write the picture in the format of the file's suffix; the same runs give the same bytes.
+
+    Raises PlanError for a suffix other than png, svg or pdf.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise PlanError(f"{path}: a picture's name must end in one of {', '.join(SUFFIXES)}")
+    picture = drawn(figure, suffix)  # matplotlib's writers do not say what went wrong with a file
+    with atomic_write(path) as part:
+        part.write_bytes(picture)
+
+
+def drawn(figure: Figure, suffix: str) -> bytes:
+    """Return the picture in the format of one of `SUFFIXES`."""
+    picture = BytesIO()
+    with rc_context(STYLE):
+        figure.savefig(
+            picture, format=suffix[1:], dpi=DPI, metadata=SUFFIXES[suffix], facecolor="white"
+        )
+    return picture.getvalue()
+
+
+BAND, PULSE, REFERENCE, LIMIT = "#7a7a7a", "#E69F00", "#222222", "#B00020"
+TURN = "#555555"
+TURN_LINE: dict[str, Any] = {"color": TURN, "linewidth": 1.0, "linestyle": (0, (5, 2, 1, 2))}
+BRANCH = "#0072B2"
+BRANCH_LINE: dict[str, Any] = {"color": BRANCH, "linewidth": 1.4, "linestyle": (0, (6, 2))}
+_COLUMNS = 5  # of the legend: more are wider than the figure
+_NAMED_TURNS = 6  # more would overlap
+
+
+def with_doubts(name: str, view: RunView) -> str:
+    """Return a run's name for the legend, with what makes it doubtful."""
+    doubts = doubts_of(view.run, twin=False)
+    late = f"{doubts.late} of {doubts.steps} steps late" if doubts.late else ""
+    words = [
+        "silent" * bool(doubts.silent),
+        "incomplete" * bool(doubts.incomplete),
+        "fell" * (doubts.fell_at_s is not None),
+        late,
+    ]
+    notes = ", ".join(filter(None, words))
+    return f"{name} ({notes})" if notes else name
+
+
+def run_handles(names: Sequence[str]) -> list[Line2D | Patch]:
+    """Return the legend's entries of the runs."""
+    return [Line2D([], [], **line_style(i), label=plain(name)) for i, name in enumerate(names)]
+
+
+def context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2D | Patch]:
+    """Return the legend's entries other than runs: the reference, its band, pulses, limits."""
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], color=REFERENCE, linewidth=1.0, linestyle=(0, (2, 2)), label="reference"),
+        Patch(color=BAND, alpha=0.22, linewidth=0, label=f"reference ±{SETTLING_BAND_DEG:g}°"),
+    ]
+    shared, own = _pulses(views)
+    if shared:
+        handles.append(Patch(color=PULSE, alpha=0.45, linewidth=0, label="pulse acts"))
+    if own:
+        color = line_style(own[0][0])["color"]
+        handles.append(
+            Patch(color=color, alpha=0.25, linewidth=0, label="on one run, in its colour")
+        )
+    if any(len(view.turns) > 1 for view in views):
+        handles.append(Line2D([], [], label="another controller takes over", **TURN_LINE))
+    if any(view.run.branch for view in views):
+        handles.append(Line2D([], [], label="a branch begins", **BRANCH_LINE))
+    if limits and any(isfinite(bound) for view in views for bound in view.limits):
+        handles.append(Line2D([], [], color=LIMIT, linewidth=1.0, label="torque limits"))
+    return handles
+
+
+def legend(
+    figure: Figure, where: str, runs: list[Line2D | Patch], context: list[Line2D | Patch]
+) -> None:
+    """Add a legend outside all axes: rows of runs, then a row of everything else."""
+    columns = min(max(min(4, len(runs)), len(context)), _COLUMNS)
+    groups = [runs, context]
+    if len(runs) == 1 and len(context) < _COLUMNS:
+        groups, columns = [runs + context], 1 + len(context)
+    rows = [group[i : i + columns] for group in groups for i in range(0, len(group), columns)]
+    blank = Line2D([], [], alpha=0.0, label=" ")
+    filled = [row + [blank] * (columns - len(row)) for row in rows]
+    # Matplotlib fills column by column.
+    handles = [row[i] for i in range(columns) for row in filled]
+    figure.legend(handles=handles, loc=where, ncols=columns)
+
+
+def plain(text: str) -> str:
+    """Return a name that Matplotlib neither reads as mathematics nor (``_…``) leaves out."""
+    return text.replace("$", r"\$") if not text.startswith("_") else f" {text}".replace("$", r"\$")
+
+
+def _pulses(views: Sequence[RunView]) -> tuple[list[Pulse], list[tuple[int, Pulse]]]:
+    """Return the pulses that act on all runs, and each other one with the index of its run."""
+    shared = set.intersection(*(set(view.pulses) for view in views))
+    own = [(i, pulse) for i, view in enumerate(views) for pulse in sorted({*view.pulses} - shared)]
+    return sorted(shared), own
+
+
+def pulse_spans(axes: Axes, views: Sequence[RunView]) -> None:
+    """Mark where pulses act; in a run's colour where they act on it, and not on all."""
+    shared, own = _pulses(views)
+    for p in shared:
+        axes.axvspan(p.start, p.end, color=PULSE, alpha=0.45, linewidth=0, zorder=0.5)
+    for i, p in own:
+        color = line_style(i)["color"]
+        axes.axvspan(p.start, p.end, color=color, alpha=0.25, linewidth=0, zorder=0.5)
+
+
+def turns(axes: Axes, views: Sequence[RunView], named: bool = False) -> None:
+    """Mark where another controller takes over; ``named``: say which, if there is one run."""
+    for start in sorted({turn.start for view in views for turn in view.turns[1:]}):
+        axes.axvline(start, zorder=1.0, **TURN_LINE)
+    acted = views[0].turns if named and len(views) == 1 else ()
+    for turn in acted if 1 < len(acted) <= _NAMED_TURNS else ():
+        axes.annotate(
+            plain(turn.controller),
+            (turn.start, 0.1),
+            xycoords=("data", "axes fraction"),
+            xytext=(4, 0),
+            textcoords="offset points",
+            fontsize=8.0,
+            color=TURN,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1.0},
+        )
+
+
+def branches(axes: Axes, views: Sequence[RunView]) -> None:
+    """Mark where branches begin: up to there they equal their parent."""
+    for start in sorted({view.run.branch.at for view in views if view.run.branch}):
+        axes.axvline(start, zorder=1.1, **BRANCH_LINE)
+
+
+def falls(axes: Axes, views: Sequence[RunView]) -> None:
+    """Mark where each run's trunk fell, in the run's own colour."""
+    for i, view in enumerate(views):
+        fell_ns = view.recording.fell_at_ns
+        if fell_ns is None:
+            continue
+        style = line_style(i)
+        axes.axvline(seconds(fell_ns), color=style["color"], linewidth=1.0, linestyle=(0, (1, 1)))
+        axes.annotate(
+            "fell",
+            (seconds(fell_ns), 0.94 - 0.08 * (i % 8)),
+            xycoords=("data", "axes fraction"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            fontsize=8.0,
+            color=style["color"],
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
+            zorder=6.0,
+        )
+
+
+class Panel(NamedTuple):
+    """A small panel over time: of a gain, or of a law's own term."""
+
+    title: str
+    label: str
+    values: Callable[[RunView], Floats]
+
+
+def _gain(title: str, symbol: str, unit: str, column: str) -> Panel:
+    return Panel(f"{title} {symbol}", f"{symbol} ({unit})", attrgetter(f"table.{column}"))
+
+
+_GAINS = (
+    _gain("Gain", r"$K_p$", "N·m/rad", "kp"),
+    _gain("Gain", r"$K_i$", "N·m/(rad·s)", "ki"),
+    _gain("Gain", r"$K_d$", "N·m·s/rad", "kd"),
+    _gain("Ratio", r"$\alpha$", "no unit", "alpha"),
+)
+
+
+def panels_of(views: Sequence[RunView]) -> Sequence[Panel]:
+    """Return the gains' panels; for laws that tell none, those of up to four of their own terms."""
+    if gains_told(views):
+        return _GAINS
+    return [
+        Panel(term.name.replace("_", " "), term.title, partial(values_of_term, term=term))
+        for term in own_terms(views)[:4]
+    ]
+
 
 _FAR = 1e12  # m: sine has no digits left there
 FIGURES = {

@@ -14,7 +14,7 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import NANOSECONDS
 
 from ..errors import PlanError
-from .plot_style import COLORS, STYLE
+from .plots import COLORS, STYLE
 from .report_data import surface_of
 from .run_view import RunView
 

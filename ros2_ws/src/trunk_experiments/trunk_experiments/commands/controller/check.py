@@ -9,7 +9,7 @@ import click
 from trunk_control.laws import LawError, law_named, package_of
 from trunk_msgs_util.errors import EXIT_FAILED
 
-from ...conformance import CHECKS, LawCheck, LawFinding, findings_of
+from ...conformance.law import CHECKS, LawCheck, LawFinding, findings_of
 from ...console.document import json_option, write_json
 from ...console.options import Name
 from ...console.tables import print_table

@@ -80,8 +80,7 @@ def write_lab(
 
     Raises PlanError, ParameterError, UntranslatableError and OSError.
     """
-    from ...lab.data import lab_of
-    from ...lab.page import write
+    from ...lab.data import lab_of, write
 
     unset = {"params": (), "settings": (), "pushes": (), "duration": None, "rate": None}
     plans, commands = {}, {}

@@ -78,7 +78,7 @@ def fuzzy_command(
     """
     check_output(target, (".yaml", ".yml"), force, [file], "-o")
     if picture is not None:
-        from ...views.plot_style import SUFFIXES
+        from ...views.plots import SUFFIXES
 
         check_output(
             picture, tuple(SUFFIXES), force, [file, target], "--picture", chooses_format=True
@@ -89,7 +89,7 @@ def fuzzy_command(
     imported = import_rules(file, *names, tolerance)
     if picture is not None:
         from ...rulebase.picture import draw
-        from ...views.plot_style import save
+        from ...views.plots import save
 
         save(draw(imported, f"{file.name}: {imported.text}"), picture)
     write(target, {imported.node: imported.values})

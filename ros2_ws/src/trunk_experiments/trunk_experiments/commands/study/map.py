@@ -60,7 +60,7 @@ def command(
     """
     from ...study.map import draw, draw_curves, panels
     from ...study.results import Results
-    from ...views.plot_style import SUFFIXES, save
+    from ...views.plots import SUFFIXES, save
 
     path = Path(source)
     swept = path.suffix == ".parquet"
