@@ -88,6 +88,7 @@ setup(
         "crate": ["rocrate>=0.13,<1"],
         "foxglove": ["foxglove-sdk"],
         "gym": ["gymnasium"],
+        "lab": ["ziglang"],
         "notebook": ["pandas"],
     },
     entry_points={
