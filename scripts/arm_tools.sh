@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Install from Debian or Ubuntu what builds and runs C for Arm: cross-compilers, newlib, QEMU; also clang and lld.
-# For docs/export_c.md and scripts/check_export.sh; needs root.
+# For docs/export_c.md and python -m tests.exported.check; needs root.
 set -euo pipefail
 packages=(
     gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm   # Cortex-M4, Cortex-M7

@@ -1,6 +1,6 @@
 """Every edit of an offline recording is refused by `trunk verify`, or listed with the reason.
 
-A selection of scripts/check_tampering.sh, which edits recordings of the graph, too.
+A selection of python -m tests.tampering.check, which edits recordings of the graph, too.
 """
 
 from __future__ import annotations

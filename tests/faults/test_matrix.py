@@ -1,7 +1,7 @@
 """Each process of a run x each signal x each phase x both modes: what happens is what the table says.
 
 Every sixth cell of a selection runs each time, the others with ``--all``; TRUNK_FAULTS=all
-(scripts/check_faults.sh) runs every cell.
+(TRUNK_FAULTS=all python -m pytest tests/faults) runs every cell.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Some twenty bad arguments; scripts/check_bad_arguments.sh tries them all with every verb."""
+"""Some twenty bad arguments; python -m tests.hostile.arguments tries them all with every verb."""
 
 from __future__ import annotations
 

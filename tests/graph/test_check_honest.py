@@ -1,4 +1,4 @@
-"""scripts/check_honest.py, briefly: it judges runs, sees what is missing, and leaves nothing behind."""
+"""python -m tests.honest.check, briefly: it judges runs, sees what is missing, and leaves nothing behind."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .processes import Children, until
 
 pytestmark = pytest.mark.graph
 
-CHECK = (sys.executable, Path(__file__).parents[2] / "scripts" / "check_honest.py")
+CHECK = ("env", "-C", Path(__file__).parents[2], sys.executable, "-m", "tests.honest.check")
 
 
 @pytest.mark.long

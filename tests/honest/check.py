@@ -1,6 +1,6 @@
 """Honest runs in real time, with real processes on a busy machine: none is accused, none falsely complete.
 
-    source scripts/env.sh && python scripts/check_honest.py [COUNT] [--seed N] [--workers N] [--busy N]
+    source scripts/env.sh && python -m tests.honest.check [COUNT] [--seed N] [--workers N] [--busy N]
 
 A run's processes are killed, stopped, restarted, retuned and disturbed by strangers, as its seed says. Its
 recording must not diverge; if it is marked as complete, nothing that acted is missing, by other readers; and
@@ -226,3 +226,7 @@ def main(count: int, seed: int, workers: int, spinning: int, keep: bool) -> None
         else:
             shutil.rmtree(folder, ignore_errors=True)
     raise SystemExit(min(failed, 1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,8 +1,9 @@
 """Hostile files × verbs, each under 2 GB and 30 s: one line per file, and what went wrong.
 
-    python -m tests.hostile.check [--selection] [NAME...]
+    OPENBLAS_NUM_THREADS=1 python -m tests.hostile.check [--selection] [NAME...]
 
 ``--selection``: a few verbs and an eighth of the quicker files, for CI. NAME: only files with it in theirs.
+Of all files, then also how soon a signal ends each verb.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ros2_ws.src.trunk_experiments.test import verbs
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 
-from . import bombs, indexed, limited, oracle, tampered, texts
+from . import bombs, indexed, limited, oracle, signals, tampered, texts
 
 WRONG = "wrong number"
 # Verbs that between them read everything; the others read the same.
@@ -161,4 +162,4 @@ def _text(text: str, path: Path) -> Path:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main() or (len(sys.argv) == 1 and signals.main()))

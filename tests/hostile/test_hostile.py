@@ -1,4 +1,4 @@
-"""A selection of hostile files, under the limits of scripts/check_hostile.sh."""
+"""A selection of hostile files, under the limits of python -m tests.hostile.check."""
 
 from __future__ import annotations
 

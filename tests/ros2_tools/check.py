@@ -1,6 +1,6 @@
 """Whether ROS 2's own tools find everything as they expect it: one line for each check.
 
-    scripts/check_ros2.sh
+    source scripts/env.sh && python -m tests.ros2_tools.check
 
 It needs the real `ros2` command, from apt or from an environment that has ros2cli, launch and launch_ros.
 Nodes run in their own ROS domain, on this machine alone.
@@ -8,6 +8,7 @@ Nodes run in their own ROS domain, on this machine alone.
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 from pathlib import Path
@@ -24,6 +25,8 @@ from .tools import daemon_of_ours, results, ros2
 
 
 def main() -> int:
+    os.environ.setdefault("ROS_DOMAIN_ID", "95")
+    os.environ["RCUTILS_COLORIZED_OUTPUT"] = "0"
     if ros2("service", "list", "--help").returncode:
         print("skipped: no real ros2 command here; source /opt/ros/jazzy/setup.bash first")
         return 0

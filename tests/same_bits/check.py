@@ -1,6 +1,6 @@
 """Many plans by every path, bit by bit:
 
-    source scripts/env.sh && python scripts/check_same_bits.py [COUNT] [--path PATH] [--graphs N] [--busy]
+    source scripts/env.sh && python -m tests.same_bits.check [COUNT] [--path PATH] [--graphs N] [--busy]
 
 The scenarios of tests/same_bits, the figures with their controllers, COUNT random plans over every declared
 parameter and as many with random links; the first N of each kind by the real nodes, too.
@@ -97,3 +97,7 @@ def main(count: int, chosen: Sequence[str], graphs: int, seed: int, busy: bool) 
             process.kill()
     print(f"{made} plans, each by up to {len(chosen or PATHS)} paths: {wrong} differ")
     raise SystemExit(min(wrong, 1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,6 +1,6 @@
 """Mutants of the nodes: each is one edit of the sources, tried in a copy of them.
 
-source scripts/env.sh && python scripts/check_seed_mutants.py [COUNT] [--only NAME]
+source scripts/env.sh && python -m tests.seeds.mutants [COUNT] [--only NAME]
 """
 
 from __future__ import annotations
@@ -111,8 +111,9 @@ def found_after(mutant: Mutant, count: int) -> tuple[int | None, str]:
     with tempfile.TemporaryDirectory(prefix="mutant_") as name:
         copy_with(mutant, Path(name))
         path = os.pathsep.join([name, os.environ.get("PYTHONPATH", "")])
-        words = [sys.executable, str(_ROOT / "scripts" / "check_seeds.py"), str(count)]
-        done = finished([*words, "--most", "1", "--raw"], env={**os.environ, "PYTHONPATH": path})
+        words = [sys.executable, "-m", "tests.seeds.check", str(count)]
+        environment = {**os.environ, "PYTHONPATH": path}
+        done = finished([*words, "--most", "1", "--raw"], cwd=_ROOT, env=environment)
     lines = done.stdout.splitlines()
     if done.returncode == 0 or not lines:
         return None, done.stderr[-300:]
@@ -135,3 +136,7 @@ def main(count: int, only: str) -> None:
             flush=True,
         )
     raise SystemExit(missed > 1)
+
+
+if __name__ == "__main__":
+    main()

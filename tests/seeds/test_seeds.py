@@ -27,9 +27,8 @@ FOUND = (
 
 
 def seeds(*words: object) -> subprocess.CompletedProcess[str]:
-    """Run the script in its own process, since it loads another rclpy."""
-    script = [sys.executable, str(ROOT / "scripts" / "check_seeds.py"), *map(str, words)]
-    return finished(script)
+    """Run the check in its own process, since it loads another rclpy."""
+    return finished([sys.executable, "-m", "tests.seeds.check", *map(str, words)], cwd=ROOT)
 
 
 @pytest.mark.one_in(15)

@@ -85,7 +85,7 @@ def judge(trunk, path, whole):
     return complete, err
 
 
-# scripts/check_broken_files.sh has a thousand of each; what is tried here has one in every record.
+# A thousand of each with TRUNK_BROKEN=1000; what is tried here has one in every record.
 MORE = int(os.environ.get("TRUNK_BROKEN", "0"))
 
 
