@@ -139,11 +139,9 @@ INEXACT_METHODS = {
     "normal",
 }
 FORBIDDEN = {"cmath", "random", "statistics", "scipy"}
-# Random plans for the checks, not a run's own numbers.
 EXCEPT = {
     # Its numbers between 0 and 1 and its integers; NumPy may change how the latter are drawn.
     "draws.py": {"Generator", "SeedSequence"},
-    "random_plans.py": {"default_rng", "Generator", "**"},
     "doctor.py": {"median"},
     "late.py": {"median"},  # of stamps, which are whole ns
     "doubts.py": {"degrees", "median"},  # for words about a run

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from ros2_ws.src.trunk_experiments.test.random_plans import random_plan
 
 from trunk_control.laws import law_named
 from trunk_experiments.batch.compiled_run import (
@@ -20,7 +21,6 @@ from trunk_experiments.batch.compiled_run import (
     loop_of,
     start_of_loop,
 )
-from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
 from trunk_experiments.export_c.translate import Program
 from trunk_experiments.export_c.types import at_run_time, type_of

@@ -6,8 +6,8 @@ import shutil
 
 import numpy as np
 import pytest
+from ros2_ws.src.trunk_experiments.test.random_plans import random_plan
 
-from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.export_c.translate import Program
 from trunk_experiments.export_c.types import type_of
 from trunk_experiments.plans.nodes import CONTROLLERS

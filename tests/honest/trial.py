@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from ros2_ws.src.trunk_experiments.test.random_plans import links_and_drives
 
-from trunk_experiments.batch.random_plans import links_and_drives
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_msgs_util.parameters.declarations import ParameterError, Value, build, values_of
 from trunk_sim.config import SimulatorConfig

@@ -17,10 +17,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import click
+from ros2_ws.src.trunk_experiments.test.random_plans import random_plan
 
 from trunk_experiments.batch.check import first_difference
 from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import RunPlan, make_plan
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from ros2_ws.src.trunk_experiments.test.random_plans import links_and_drives
 
-from trunk_experiments.batch.random_plans import links_and_drives
 from trunk_experiments.plans.plan import RunPlan, make_plan, parse_swap
 from trunk_experiments.plans.timeline import Change
 from trunk_msgs_util.events import Event

@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_experiments.test.random_plans import random_plan
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_msgs_util.recording.reader import Recording

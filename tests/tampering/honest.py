@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from ros2_ws.src.trunk_experiments.test.random_plans import STEPS, Draw, random_plan
 
-from trunk_experiments.batch.random_plans import STEPS, Draw, random_plan
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.plans.timeline import Change

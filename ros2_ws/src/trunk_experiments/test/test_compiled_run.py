@@ -21,7 +21,6 @@ from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.batch import compiled_run
 from trunk_experiments.batch.check import first_difference
 from trunk_experiments.batch.compiled_run import Batch, start_of_loop
-from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import Swap, make_plan
@@ -33,6 +32,7 @@ from trunk_msgs_util import compiled
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_sim.actuator import saturate
 
+from .random_plans import random_plan
 from .stepwise import steps
 
 

@@ -9,7 +9,6 @@ import pytest
 
 from trunk_control.decide import state_record
 from trunk_control.laws import law_named
-from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
@@ -28,6 +27,7 @@ from trunk_msgs_util.samples import JointSample
 from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
 
+from .random_plans import random_plan
 from .stepwise import steps
 
 NOISE = ("position_noise=0.01", "velocity_noise=0.02", "delay=0.013")

@@ -11,7 +11,6 @@ from trunk_experiments.batch.block import regular_run, run_block, summary_of
 from trunk_experiments.batch.check import first_difference
 from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.batch.lanes import LANES
-from trunk_experiments.batch.random_plans import Draw, rule_base
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.explain import explain
@@ -21,6 +20,8 @@ from trunk_experiments.views.report import make_report
 from trunk_experiments.views.report_page import render
 from trunk_experiments.views.run_view import RunView
 from trunk_msgs_util.parameters.declarations import build, values_of
+
+from .random_plans import Draw, rule_base
 
 SIZES = [(2, 2), (3, 5), (5, 5), (64, 64), (9, 2)]
 

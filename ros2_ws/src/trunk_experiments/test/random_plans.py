@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from trunk_control.rule_tables import ALPHA_LABELS, GAIN_LABELS
+from trunk_experiments.plans.nodes import CONTROLLERS, NODES
+from trunk_experiments.plans.plan import RunPlan, Swap, make_plan, turns_of
 from trunk_msgs_util.parameters.declarations import (
     Declaration,
     ParameterError,
@@ -21,9 +23,6 @@ from trunk_msgs_util.parameters.declarations import (
     declarations,
 )
 from trunk_sim.config import SimulatorConfig
-
-from ..plans.nodes import CONTROLLERS, NODES
-from ..plans.plan import RunPlan, Swap, make_plan, turns_of
 
 STEPS = 250
 _RATES = (
