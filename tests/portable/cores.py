@@ -23,7 +23,6 @@ from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import disturbance_at
 from trunk_sim.noise import Noise
 from trunk_sim.simulation import Simulation
-from trunk_sim.step import act
 
 from . import vectors
 
@@ -52,7 +51,7 @@ def fingerprints(steps: int) -> dict[str, str]:
     """Return the SHA-256 of this many steps, a quarter of them with each controller."""
     found = {name: sha256() for name in ("states", "commands", "noise")}
     for index, config in enumerate(CONTROLLERS):
-        simulation = Simulation(replace(PLANT, seed=index), act)
+        simulation = Simulation(replace(PLANT, seed=index))
         controller, noise = Controller(config), Noise(index)
         signals = replace(DISTURBED, noise_seed=index).signals
         for _ in range(steps // len(CONTROLLERS)):
