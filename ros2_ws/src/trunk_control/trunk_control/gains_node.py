@@ -19,9 +19,9 @@ from trunk_msgs_util.node.run import run_beside
 from trunk_msgs_util.text import printable
 
 from .controller import Controller
+from .controller_node import Inputs
 from .decide import Reading
 from .fuzzy_pid import FuzzyPidConfig
-from .inputs_node import Inputs
 
 NAME = "fuzzy_gains"
 GAINS = "~/gains"
