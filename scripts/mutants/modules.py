@@ -43,8 +43,10 @@ MODULES = {
     ),
     "plant": Module(SIM + "trunk_sim/plant.py", _in(SIM, "plant_as_printed", "plant")),
     "step": Module(SIM + "trunk_sim/step.py", _in(SIM, "step", "simulation")),
-    "pacing": Module(SIM + "trunk_sim/pacing.py", _in(SIM, "pacing_real_time")),
-    "lockstep": Module(SIM + "trunk_sim/lockstep.py", _in(SIM, "pacing_lockstep", "pacing_config")),
+    "pacing": Module(
+        SIM + "trunk_sim/pacing.py",
+        _in(SIM, "pacing_real_time", "pacing_lockstep", "pacing_config"),
+    ),
     **{
         name: Module(CONTROL + f"trunk_control/{name}.py", _PID)
         for name in ("limits", "pid", "pid_family")

@@ -33,7 +33,7 @@ _NODE = "trunk_msgs_util/trunk_msgs_util/node/"
 _SIM = "trunk_sim/trunk_sim/"
 _CONTROL = "trunk_control/trunk_control/"
 MUTANTS = (
-    Mutant("no word of the end", _SIM + "plant_node.py",
+    Mutant("no word of the end", _SIM + "simulator_node.py",
         'self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")', "pass"),
     Mutant("every seventh message is not kept", _NODE + "replayable.py",
         "self._publish_kept(data)", "self.count % 7 == 6 or self._publish_kept(data)"),
@@ -48,15 +48,15 @@ MUTANTS = (
         "self._writer.finish(complete=complete, reason=reason, sync=self._syncs)", "None"),
     Mutant("nobody says how much there was", _NODE + "base.py",
         "            self.event(Event.PUBLISHED, DiagnosticStatus.OK, **counts)\n", "            pass\n"),
-    Mutant("a step without its disturbance", _SIM + "lockstep.py",
+    Mutant("a step without its disturbance", _SIM + "pacing.py",
         "topics.DISTURBANCE: -period,", "topics.DISTURBANCE: 0,"),
-    Mutant("nobody needs to be met", _SIM + "participants.py",
+    Mutant("nobody needs to be met", _SIM + "participants_node.py",
         "return bool(ready) and not (here and here <= listening)", "return False"),
-    Mutant("a lost unlock", _SIM + "lockstep.py",
+    Mutant("a lost unlock", _SIM + "pacing.py",
         "            self._answered[topic] = stamp_ns\n            self._advance(now_ns)",
         "            self._answered[topic] = stamp_ns - (stamp_ns == 3 * self._loop.period_ns)\n"
         "            self._advance(now_ns)"),
-    Mutant("an answer during a pause is lost", _SIM + "lockstep.py",
+    Mutant("an answer during a pause is lost", _SIM + "pacing.py",
         "        self._unstamped = self._unstamped + 1",
         "        if self.paused:\n            return\n        self._unstamped = self._unstamped + 1"),
     Mutant("doubled disturbances", _NODE + "ahead_node.py",
@@ -78,7 +78,7 @@ MUTANTS = (
         "durability=DurabilityPolicy.TRANSIENT_LOCAL", "durability=DurabilityPolicy.VOLATILE"),
     Mutant("a full disk goes unnoticed", _NODE + "run_file.py",
         'self._failed(f"{self.path}: cannot write: {error.strerror}; the recording ends here")', "pass"),
-    Mutant("what acted in the last state is not told", _SIM + "plant_node.py",
+    Mutant("what acted in the last state is not told", _SIM + "simulator_node.py",
         "        self._publish_last_inputs()\n        fell", "        fell"),
     Mutant("an old command's sender is forgotten", _SIM + "pacing.py",
         "Command(stamp_ns, effort, source)",

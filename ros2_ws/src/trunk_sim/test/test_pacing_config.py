@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from trunk_sim.config import SimulatorConfig
-from trunk_sim.lockstep import make_pacing, tick_period
+from trunk_sim.pacing import make_pacing, tick_period
 
 from .counting_loop import CountingLoop, H
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from trunk_sim.lockstep import LockstepPacing
+from trunk_sim.pacing import LockstepPacing
 
 from .counting_loop import CountingLoop, H
 

@@ -8,7 +8,7 @@ import pytest
 
 from trunk_msgs_util.topics import UNKNOWN_NODE
 from trunk_sim.config import SimulatorConfig
-from trunk_sim.participants import Participants
+from trunk_sim.participants_node import Participants
 
 COMMAND = {"answers": "effort_command"}
 
