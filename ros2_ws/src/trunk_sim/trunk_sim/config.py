@@ -14,7 +14,6 @@ from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 
 from .actuator import Actuator, approach_of
-from .hardware_parameters import hardware_parameter, link_parameter
 from .links import MOST_LATE, Link, most_late, perfect
 from .operator_input import OperatorLimits
 from .plant import PlantState
@@ -23,6 +22,38 @@ from .traffic import Network
 
 _JOINTS = ("hip", "trunk")
 EQUATIONS = ("derived", "as_printed")
+_TORQUE: dict[str, Any] = {"unit": "N m", "minimum": 0.0, "maximum": 1e6}
+_ANGLE: dict[str, Any] = {"unit": "rad", "minimum": 0.0, "maximum": 1e3}
+_RATE: dict[str, Any] = {"unit": "rad/s", "minimum": 0.0, "maximum": 1e3}
+_EITHER_WAY: dict[str, Any] = {"minimum": -1e3, "maximum": 1e3}
+_LIMIT: dict[str, Any] = {"above": 0.0, "unbounded": True}
+_SEED: dict[str, Any] = {"minimum": 0, "maximum": 2**31 - 1, "fixed": True}
+_CHANCE: dict[str, Any] = {"minimum": 0.0, "maximum": 1.0, "fixed": True}
+_DELAY: dict[str, Any] = {"unit": "s", "minimum": 0.0, "maximum": 10.0, "fixed": True}
+# Of a link, by the last part of the name.
+_LINK: dict[str, tuple[Any, str, dict[str, Any]]] = {
+    "delay": (
+        0.0,
+        "Delay of every message; it is used from the first step at or after its arrival",
+        _DELAY,
+    ),
+    "jitter": (0.0, "Random additional delay: the largest, or the mean if exponential", _DELAY),
+    "jitter_kind": (
+        "uniform",
+        "Distribution of the jitter",
+        {"choices": ("uniform", "exponential"), "fixed": True},
+    ),
+    "loss": (0.0, "Probability that a message is lost, outside of bursts", _CHANCE),
+    "burst.begin": (0.0, "Probability in each step that a burst of losses begins", _CHANCE),
+    "burst.end": (1.0, "Probability in each step of a burst that it ends", _CHANCE),
+    "burst.loss": (1.0, "Probability that a message is lost in a burst", _CHANCE),
+    "duplicates": (0.0, "Probability that a message is sent twice", _CHANCE),
+    "order": (
+        "latest",
+        "latest: a message older than the one in use is ignored; arrival: the last to arrive counts",
+        {"choices": ("latest", "arrival"), "fixed": True},
+    ),
+}
 
 
 def joints_parameter() -> tuple[str, ...]:
@@ -45,6 +76,13 @@ def update_rate_parameter() -> float:
         fixed=True,
     )
     return rate
+
+
+def _link_parameter(link: str, name: str) -> Any:
+    """Return the declaration of a link's parameter: of "state", to the controller, or "command"."""
+    default, description, limits = _LINK[name]
+    to = "measured states" if link == "state" else "commands"
+    return parameter(f"link.{link}.{name}", default, f"{description} (link of the {to})", **limits)
 
 
 @dataclass(frozen=True)
@@ -106,13 +144,46 @@ class SimulatorConfig(ManagedConfig):
         above=0.0,
         unbounded=True,
     )
-    actuator_time_constant: float = hardware_parameter("actuator.time_constant")
-    actuator_rate_limit: float = hardware_parameter("actuator.rate_limit")
-    actuator_dead_band: float = hardware_parameter("actuator.dead_band")
-    actuator_resolution: float = hardware_parameter("actuator.resolution")
-    actuator_bias: float = hardware_parameter("actuator.bias")
-    coulomb_friction: float = hardware_parameter("actuator.coulomb_friction")
-    viscous_friction: float = hardware_parameter("actuator.viscous_friction")
+    actuator_time_constant: float = parameter(
+        "actuator.time_constant",
+        0.0,
+        "Time constant of the actuator's lag; 0: none",
+        unit="s",
+        minimum=0.0,
+        maximum=1e3,
+    )
+    actuator_rate_limit: float = parameter(
+        "actuator.rate_limit", inf, "Largest rate of change of its torque", unit="N m/s", **_LIMIT
+    )
+    actuator_dead_band: float = parameter(
+        "actuator.dead_band",
+        0.0,
+        "Commands within +- this give no torque, larger ones are reduced by it",
+        **_TORQUE,
+    )
+    actuator_resolution: float = parameter(
+        "actuator.resolution",
+        0.0,
+        "Its torque is a multiple of this, before bias and lag; 0: continuous",
+        **_TORQUE,
+    )
+    actuator_bias: float = parameter(
+        "actuator.bias", 0.0, "Torque added to it", unit="N m", minimum=-1e6, maximum=1e6
+    )
+    coulomb_friction: float = parameter(
+        "actuator.coulomb_friction",
+        0.0,
+        "Coulomb friction in the joint, against any motion",
+        **_TORQUE,
+    )
+    viscous_friction: float = parameter(
+        "actuator.viscous_friction",
+        0.0,
+        "Viscous friction in the joint, proportional to the trunk's rate",
+        unit="N m s/rad",
+        minimum=0.0,
+        maximum=1e6,
+    )
     command_timeout: float = parameter(
         "command_timeout",
         0.2,
@@ -122,37 +193,85 @@ class SimulatorConfig(ManagedConfig):
         above=0.0,
         maximum=1e6,
     )
-    position_noise: float = hardware_parameter("sensor.position_noise")
-    velocity_noise: float = hardware_parameter("sensor.velocity_noise")
-    position_bias: float = hardware_parameter("sensor.position_bias")
-    velocity_bias: float = hardware_parameter("sensor.velocity_bias")
-    position_resolution: float = hardware_parameter("sensor.position_resolution")
-    velocity_resolution: float = hardware_parameter("sensor.velocity_resolution")
-    position_limit: float = hardware_parameter("sensor.position_limit")
-    velocity_limit: float = hardware_parameter("sensor.velocity_limit")
-    delay: float = hardware_parameter("sensor.delay")
-    seed: int = hardware_parameter("sensor.seed")
-    dropout: float = hardware_parameter("sensor.dropout")
-    state_delay: float = link_parameter("state", "delay")
-    state_jitter: float = link_parameter("state", "jitter")
-    state_jitter_kind: str = link_parameter("state", "jitter_kind")
-    state_loss: float = link_parameter("state", "loss")
-    state_burst_begin: float = link_parameter("state", "burst.begin")
-    state_burst_end: float = link_parameter("state", "burst.end")
-    state_burst_loss: float = link_parameter("state", "burst.loss")
-    state_duplicates: float = link_parameter("state", "duplicates")
-    state_order: str = link_parameter("state", "order")
-    command_delay: float = link_parameter("command", "delay")
-    command_jitter: float = link_parameter("command", "jitter")
-    command_jitter_kind: str = link_parameter("command", "jitter_kind")
-    command_loss: float = link_parameter("command", "loss")
-    command_burst_begin: float = link_parameter("command", "burst.begin")
-    command_burst_end: float = link_parameter("command", "burst.end")
-    command_burst_loss: float = link_parameter("command", "burst.loss")
-    command_duplicates: float = link_parameter("command", "duplicates")
-    command_order: str = link_parameter("command", "order")
-    missing_command: str = hardware_parameter("link.command.missing")
-    link_seed: int = hardware_parameter("link.seed")
+    position_noise: float = parameter(
+        "sensor.position_noise", 0.0, "Standard deviation of the measured angle", **_ANGLE
+    )
+    velocity_noise: float = parameter(
+        "sensor.velocity_noise", 0.0, "Standard deviation of the measured rate", **_RATE
+    )
+    position_bias: float = parameter(
+        "sensor.position_bias", 0.0, "Bias of the measured angle", unit="rad", **_EITHER_WAY
+    )
+    velocity_bias: float = parameter(
+        "sensor.velocity_bias", 0.0, "Bias of the measured rate", unit="rad/s", **_EITHER_WAY
+    )
+    position_resolution: float = parameter(
+        "sensor.position_resolution",
+        0.0,
+        "The measured angle is a multiple of this; 0: continuous",
+        **_ANGLE,
+    )
+    velocity_resolution: float = parameter(
+        "sensor.velocity_resolution",
+        0.0,
+        "The measured rate is a multiple of this; 0: continuous",
+        **_RATE,
+    )
+    position_limit: float = parameter(
+        "sensor.position_limit",
+        inf,
+        "The largest angle that is measured, either way",
+        unit="rad",
+        **_LIMIT,
+    )
+    velocity_limit: float = parameter(
+        "sensor.velocity_limit",
+        inf,
+        "The largest rate that is measured, either way",
+        unit="rad/s",
+        **_LIMIT,
+    )
+    delay: float = parameter(
+        "sensor.delay",
+        0.0,
+        "Delay of the measurements, rounded to whole periods",
+        **_DELAY,
+    )
+    seed: int = parameter("sensor.seed", 1, "Seed of the sensor noise", **_SEED)
+    dropout: float = parameter(
+        "sensor.dropout",
+        0.0,
+        "Probability that a measurement fails; the previous one is then held",
+        **_CHANCE,
+    )
+    state_delay: float = _link_parameter("state", "delay")
+    state_jitter: float = _link_parameter("state", "jitter")
+    state_jitter_kind: str = _link_parameter("state", "jitter_kind")
+    state_loss: float = _link_parameter("state", "loss")
+    state_burst_begin: float = _link_parameter("state", "burst.begin")
+    state_burst_end: float = _link_parameter("state", "burst.end")
+    state_burst_loss: float = _link_parameter("state", "burst.loss")
+    state_duplicates: float = _link_parameter("state", "duplicates")
+    state_order: str = _link_parameter("state", "order")
+    command_delay: float = _link_parameter("command", "delay")
+    command_jitter: float = _link_parameter("command", "jitter")
+    command_jitter_kind: str = _link_parameter("command", "jitter_kind")
+    command_loss: float = _link_parameter("command", "loss")
+    command_burst_begin: float = _link_parameter("command", "burst.begin")
+    command_burst_end: float = _link_parameter("command", "burst.end")
+    command_burst_loss: float = _link_parameter("command", "burst.loss")
+    command_duplicates: float = _link_parameter("command", "duplicates")
+    command_order: str = _link_parameter("command", "order")
+    missing_command: str = parameter(
+        "link.command.missing",
+        "hold",
+        "A step that gets no new command: hold the last one's torque, or zero",
+        choices=("hold", "zero"),
+        fixed=True,
+    )
+    link_seed: int = parameter(
+        "link.seed", 1, "Seed of the links and of failing measurements", **_SEED
+    )
     wait_for: tuple[str, ...] = parameter(
         "wait_for",
         ("effort_command",),
@@ -209,9 +328,31 @@ class SimulatorConfig(ManagedConfig):
         maximum=4000,
         fixed=True,
     )
-    operator_force: float = hardware_parameter("operator.force")
-    operator_torque: float = hardware_parameter("operator.torque")
-    operator_timeout: float = hardware_parameter("operator.timeout")
+    operator_force: float = parameter(
+        "operator.force",
+        0.0,
+        "Largest force of an operator on the hip, either way; nobody may push if this and the torque are 0",
+        unit="N",
+        minimum=0.0,
+        maximum=1e6,
+        fixed=True,
+    )
+    operator_torque: float = parameter(
+        "operator.torque",
+        0.0,
+        "Largest torque of an operator on the trunk, either way",
+        **_TORQUE,
+        fixed=True,
+    )
+    operator_timeout: float = parameter(
+        "operator.timeout",
+        0.25,
+        "A push ends when nothing has come from the operator for this long",
+        unit="s",
+        above=0.0,
+        maximum=60.0,
+        fixed=True,
+    )
     publish_clock: bool = parameter(
         "publish_clock", False, "Publish simulated time on /clock", fixed=True
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 from ..mechanics import MOST_HARMONICS, Body, harmonics_of
 from .declarations import parameter
@@ -40,31 +40,8 @@ _WORDS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
-class BodyParameters(Protocol):
-    """A configuration whose fields `body_parameter` has made."""
-
-    @property
-    def hip_mass(self) -> float: ...
-    @property
-    def trunk_mass(self) -> float: ...
-    @property
-    def length(self) -> float: ...
-    @property
-    def gravity(self) -> float: ...
-    @property
-    def amplitude(self) -> float: ...
-    @property
-    def wavenumber(self) -> float: ...
-    @property
-    def cosines(self) -> tuple[float, ...]: ...
-    @property
-    def sines(self) -> tuple[float, ...]: ...
-    @property
-    def hip_mode(self) -> str: ...
-
-
-def body_of(config: BodyParameters, as_printed: bool = False) -> Body:
-    """Return the body that a configuration describes."""
+def body_of(config: Any, as_printed: bool = False) -> Body:
+    """Return the body that a configuration describes, by the fields that `body_parameter` has made."""
     return Body(
         config.hip_mass,
         config.trunk_mass,
