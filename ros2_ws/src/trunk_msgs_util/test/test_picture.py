@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.picture import messages
-from trunk_msgs_util.picture.film import Film, scene_of
+from trunk_msgs_util.picture.film import Film, scene_of, urdf
 from trunk_msgs_util.picture.shapes import Geometry, Kind, Scene, shapes
-from trunk_msgs_util.picture.urdf import urdf
 from trunk_msgs_util.recording.schemas import deserialize, stamp_of
 from trunk_msgs_util.samples import JointSample
 
