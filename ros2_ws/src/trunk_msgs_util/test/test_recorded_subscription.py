@@ -12,8 +12,8 @@ pytest.importorskip("rclpy")
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from trunk_msgs_util.node import recorded_subscription
-from trunk_msgs_util.node.recorded_subscription import RecordedSubscription
+from trunk_msgs_util.node import recorder_node
+from trunk_msgs_util.node.recorder_node import RecordedSubscription
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.topics import JOINT_STATE_TYPE
@@ -120,7 +120,7 @@ def test_a_recording_that_is_played_is_heard(times):
 
 
 def test_it_remembers_so_many_copies_and_no_more(monkeypatch):
-    monkeypatch.setattr(recorded_subscription, "_REMEMBERED", 10)
+    monkeypatch.setattr(recorder_node, "_REMEMBERED", 10)
     topic = Topic()
     topic.strangers(PLAIN)
     for k in range(100):

@@ -9,7 +9,7 @@ import threading
 import pytest
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.node.run_file import RunFile
+from trunk_msgs_util.node.recorder_node import RunFile
 from trunk_msgs_util.recording.writer import RecordingWriter
 
 

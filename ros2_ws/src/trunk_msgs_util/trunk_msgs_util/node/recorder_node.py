@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import struct
 import time
-from collections import defaultdict
-from collections.abc import Callable
+from collections import OrderedDict, defaultdict
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState
 
@@ -18,17 +25,20 @@ from .. import provenance, topics
 from ..completeness import OF_STATES_IN_REAL_TIME, Account
 from ..events import Event
 from ..parameters.config import RecorderConfig
-from ..recording.schemas import parse_event, parse_parameter_event
+from ..parameters.declarations import ParameterError
+from ..picture.film import Film, value
+from ..recording.joint_state_cdr import frame_in
+from ..recording.schemas import ParameterChange, parse_event, parse_parameter_event
+from ..recording.writer import PROVENANCE, RecordingWriter
 from ..samples import JointSample
-from ..source import process_id, process_of
+from ..source import process_id, process_of, source_in
 from ..text import printable
+from ..topics import JOINT_STATE_TYPE
 from ..units import LAST_STAMP_NS, NANOSECONDS, nanoseconds
 from . import discovery, qos
 from .base import TrunkNode
 from .conversions import WireReader, sample_to_wire
-from .recorded_subscription import RecordedSubscription
 from .run import main_for
-from .run_file import Pictures, RunFile, open_output
 
 _MESSAGES: dict[str, type[Any]] = {
     topics.JOINT_STATE_TYPE: JointState,
@@ -61,6 +71,334 @@ _LINGER_S = 0.01
 _TELL_S = 0.02
 # A stranger's publisher keeps few messages: the plant waits for the recorder sooner, so it must not linger.
 _LINGER_BESIDE_STRANGERS_S, _TELL_STRANGERS_S = 0.003, 0.003
+
+Info: TypeAlias = Mapping[str, Any]  # what the middleware reports about a message
+Kind: TypeAlias = tuple[ReliabilityPolicy, DurabilityPolicy]
+
+# Twice what a publisher of evidence keeps: one that is matched late delivers all of it at once.
+_REMEMBERED = 2 * qos.EVIDENCE_DEPTH
+# A publisher whose node is still unknown after this many looks counts as somebody else's.
+_UNNAMED_LOOKS = 20
+
+_SUFFIX = ".mcap"
+
+
+class _Remembered:
+    """Counts messages whose other copy is still to come, the newest ones."""
+
+    def __init__(self) -> None:
+        self._counts: OrderedDict[Hashable, int] = OrderedDict()
+
+    def add(self, key: Hashable) -> None:
+        """Note one more."""
+        self._counts[key] = self._counts.get(key, 0) + 1
+        if len(self._counts) > _REMEMBERED:
+            self._counts.popitem(last=False)
+
+    def take(self, key: Hashable) -> bool:
+        """Return True if there is one, which is then done."""
+        count = self._counts.pop(key, 0)
+        if count > 1:
+            self._counts[key] = count - 1
+        return count > 0
+
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._counts
+
+
+class RecordedSubscription:
+    """Each message of a topic once, from any publisher, whatever its quality of service.
+
+    DDS matches a subscription only with publishers that offer at least what it requests. Our nodes keep
+    what they publish for a recorder that joins late, on a separate topic (`topics.evidence`). Others
+    publish only on the live topic: rclpy and `ros2 topic pub` are volatile by default, and a sensor is
+    often best effort. No single subscription serves all of them: one that requests past messages does not
+    match volatile publishers, one that does not misses the past. So there is one more for each kind that
+    some other publisher offers, just as rosbag2 adapts to what is offered. A message that several
+    subscriptions receive has the same time and number in each, and is taken once.
+
+    Such a subscription also hears our nodes' live copies. They have the number and the bytes of the kept
+    ones; in real time they also name their source, and one whose messages are kept is not heard there.
+
+    ``other_types`` has the nodes that publish something else there.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        type_name: str,
+        message_type: Any,
+        take: Callable[[bytes], None],
+    ) -> None:
+        """Subscribe; ``take`` gets each message."""
+        self._node = node
+        self._topic = topic
+        self._type_name = type_name
+        self._message_type = message_type
+        self._take = take
+        self.other_types: dict[str, str] = {}
+        self._sources: set[str] = set()  # of messages that are kept
+        self._passed: OrderedDict[Hashable, None] = OrderedDict()
+        # Our nodes publish each message twice: here are those taken once, whose other copy is still to come.
+        self._kept_alone = _Remembered()
+        self._live_alone = _Remembered()
+        self._passing: dict[Kind, Subscription] = {}
+        self._looked_at = (0, 0)
+        self._unnamed_looks = 0
+        self._kept_topic = topics.evidence(node.resolve_topic_name(topic))
+        self._kept = self._subscribe(self._kept_topic, qos.evidence(), self._on_kept)
+
+    def _subscribe(
+        self, topic: str, profile: QoSProfile, on_message: Callable[..., None]
+    ) -> Subscription:
+        return self._node.create_subscription(
+            self._message_type,
+            topic,
+            on_message,
+            profile,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=lambda _: self.look()),
+        )
+
+    @property
+    def publisher_count(self) -> int:
+        """The number of matched publishers of the subscription that has most."""
+        subscriptions = (self._kept, *self._passing.values())
+        return max(subscription.get_publisher_count() for subscription in subscriptions)
+
+    @property
+    def by_strangers(self) -> bool:
+        """True if nodes that keep no evidence publish there, too."""
+        return bool(self._passing)
+
+    def look(self) -> None:
+        """Subscribe once more for a publisher that no subscription receives; cheap if none is new."""
+        counts = (self._node.count_publishers(self._topic), self._kept.get_publisher_count())
+        if counts == self._looked_at:
+            return
+        self._looked_at = counts
+        keep = discovery.publishers(self._node, self._kept_topic)
+        for endpoint in self._node.get_publishers_info_by_topic(self._topic):
+            name = discovery.names([endpoint])[0]
+            if name in keep:
+                continue
+            if name.endswith(topics.UNKNOWN_NODE) and self._unnamed_looks < _UNNAMED_LOOKS:
+                self._unnamed_looks += 1
+                self._looked_at = (-1, -1)  # look again
+            elif endpoint.topic_type != self._type_name:
+                self._note_type(name, endpoint.topic_type)
+            else:
+                self._hear_passing(_kind(endpoint))
+
+    def _note_type(self, node: str, type_name: str) -> None:
+        if node not in self.other_types:
+            self.other_types[node] = type_name
+            self._node.get_logger().warning(f"nobody receives it: {self.of_other_types()[-1]}")
+
+    def _hear_passing(self, kind: Kind) -> None:
+        if kind in self._passing:
+            return
+
+        def on_message(data: bytes, info: Info) -> None:
+            self._on_passing(data, info, kind)
+
+        profile = QoSProfile(depth=qos.EVIDENCE_DEPTH, reliability=kind[0], durability=kind[1])
+        self._passing[kind] = self._subscribe(self._topic, profile, on_message)
+
+    def _on_kept(self, data: bytes, info: Info) -> None:
+        """Take a message of a node of ours, unless its live copy was taken."""
+        if self._passing:
+            source = source_in(frame_in(data))
+            if source:
+                self._sources.add(source)
+            key = info["publication_sequence_number"], data
+            if self._live_alone.take(key):
+                return
+            if not source:
+                self._kept_alone.add(key)
+        self._take(data)
+
+    def _on_passing(self, data: bytes, info: Info, kind: Kind) -> None:
+        """Take a message of any publisher that offers as much as this subscription requests.
+
+        A message has the same source time in every subscription that hears it.
+        """
+        source = source_in(frame_in(data))
+        if source in self._sources:
+            return
+        number = info["publication_sequence_number"]
+        sample = info["source_timestamp"], number, data
+        if sample in self._passed:
+            return
+        self._passed[sample] = None
+        if len(self._passed) > _REMEMBERED:
+            self._passed.popitem(last=False)
+        if kind[1] == DurabilityPolicy.VOLATILE:  # only these hear our nodes' live copies
+            key = number, data
+            if self._kept_alone.take(key):
+                return
+            # Somebody's copy can overtake the first message that is kept, which names the source.
+            unheard = self._kept.get_publisher_count() > len(self._sources)
+            if source and unheard and key in self._live_alone:
+                return
+            self._live_alone.add(key)
+        self._take(data)
+
+    def of_other_types(self) -> list[str]:
+        """Return who publishes something else there, which nobody receives, a line each."""
+        return [
+            f"{self._topic}: {name} publishes {other} there, not {self._type_name}"
+            for name, other in sorted(self.other_types.items())
+        ]
+
+
+def _kind(endpoint: TopicEndpointInfo) -> Kind:
+    """Return the kind that a publisher offers; durability without reliability counts as volatile."""
+    offered = endpoint.qos_profile
+    if offered.reliability == ReliabilityPolicy.RELIABLE:
+        return offered.reliability, offered.durability
+    return offered.reliability, DurabilityPolicy.VOLATILE
+
+
+class RunFile:
+    """Takes messages by relative topic name; the first disk failure is reported, and no call raises."""
+
+    def __init__(
+        self,
+        writer: RecordingWriter,
+        full_name: Callable[[str], str],
+        failed: Callable[[str], None],
+        syncs: bool = False,
+    ) -> None:
+        """``full_name`` returns a topic's full name; ``failed`` is told why the recording ends here.
+
+        ``syncs``: `sync` is called now and then, and at its end the file is on the disk.
+        """
+        self._writer = writer
+        self._full_name = full_name
+        self._failed = failed
+        self._channels: dict[str, int] = {}
+        self._syncs = syncs
+        self._beside = ThreadPoolExecutor(1, "sync")
+        self._sync: Future[None] | None = None
+
+    @property
+    def path(self) -> Path:
+        return self._writer.path
+
+    def begin(self, provenance: dict[str, str], types: Mapping[str, str]) -> None:
+        """Write where the run comes from, and which topics there are, with their types."""
+        try:
+            self._writer.add_metadata(PROVENANCE, provenance)
+        except OSError as error:
+            self._fail(error)
+        for topic, type_name in types.items():
+            self._channels[topic] = self._writer.channel(self._full_name(topic), type_name)
+        self.flush()
+
+    def write(self, topic: str, log_ns: int, data: bytes) -> bool:
+        """Write a message; return False if the disk failed. A topic not met before holds joint states."""
+        try:
+            if topic not in self._channels:
+                name = self._full_name(topic)
+                self._channels[topic] = self._writer.channel(name, JOINT_STATE_TYPE)
+            self._writer.write(self._channels[topic], log_ns, log_ns, data)
+        except OSError as error:
+            self._fail(error)
+            return False
+        return True
+
+    def flush(self) -> None:
+        """Hand what was written over to the system."""
+        try:
+            self._writer.flush()
+        except OSError as error:
+            self._fail(error)
+
+    def sync(self) -> None:
+        """Have the disk take what was flushed, while the loop goes on."""
+        if self._sync is None or self._sync.done():
+            self._sync = self._beside.submit(self._writer.sync)
+
+    def check(self) -> None:
+        """Detect early that the file was deleted, renamed, replaced or truncated, or is not on the disk."""
+        try:
+            self._writer.check()
+            if self._sync is not None and self._sync.done():
+                self._sync.result()
+        except OSError as error:
+            self._fail(error)
+
+    def finish(self, complete: bool, reason: str) -> int | None:
+        """Write how the run ended; return how many messages there are, None if the disk failed."""
+        self._beside.shutdown()  # the file stays open for it
+        try:
+            self._writer.finish(complete=complete, reason=reason, sync=self._syncs)
+        except OSError as error:
+            self._fail(error)
+            return None
+        return sum(topic.messages for topic in self._writer.summary().topics)
+
+    def _fail(self, error: OSError) -> None:
+        self._failed(f"{self.path}: cannot write: {error.strerror}; the recording ends here")
+
+
+def open_output(config: RecorderConfig) -> RecordingWriter:
+    """Create the file. Raises ParameterError if it cannot be written or already exists."""
+    path = Path(config.output or time.strftime(f"trunk_%Y%m%dT%H%M%SZ{_SUFFIX}", time.gmtime()))
+    if path.suffix.lower() != _SUFFIX and not path.is_relative_to("/dev"):
+        raise _refused(path, f"the file's name must end in {_SUFFIX}, such as {path / 'run.mcap'}")
+    try:
+        return RecordingWriter(path, compression=config.compression, overwrite=config.overwrite)
+    except FileExistsError:
+        way_out = "it exists: give another name, or -p overwrite:=true to replace it"
+        raise _refused(path, way_out) from None
+    except OSError as error:
+        raise _refused(path, f"a file to write ({error})") from None
+
+
+def _refused(path: Path, allowed: str) -> ParameterError:
+    return ParameterError("output", str(path), allowed)
+
+
+_TERMS = "terms"  # those of the controller heard last
+_OF_A_PLANT = "plant.length"  # a parameter that no other node has
+
+
+class Pictures:
+    """What a recorder hears, as the pictures that it records for 3-D views.
+
+    Keeps the newest message of what a picture shows, as bytes; only what is drawn is parsed.
+    """
+
+    def __init__(self) -> None:
+        self._film = Film()
+        self._newest: dict[str, bytes] = {}
+        self._read: defaultdict[str, WireReader] = defaultdict(WireReader)
+
+    def taking(self, topic: str) -> Callable[[bytes], None] | None:
+        """Return the function that takes a topic's messages; None for a topic that no picture shows."""
+        if topic == topics.DISTURBANCE:
+            return partial(self._newest.__setitem__, topic)
+        if topics.is_controller_state(topic):
+            return partial(self._newest.__setitem__, _TERMS)
+        return None
+
+    def reconfigure(self, change: ParameterChange) -> None:
+        """Take a node's parameters."""
+        for values in (change.new, change.changed):
+            if _OF_A_PLANT in values:
+                self._film.reconfigure(values)
+
+    def picture(self, stamp_ns: int, truth: bytes, log_ns: int) -> Iterator[tuple[str, bytes]]:
+        """Yield the topics and messages of a true state's picture; none for a state that is not drawn."""
+        if not self._film.is_due(stamp_ns):
+            return
+        read = {name: self._read[name](data) for name, data in self._newest.items()}
+        state = self._read[topics.GROUND_TRUTH](truth)
+        reference = value(read.get(_TERMS), "position", "reference")
+        yield from self._film.picture(state, read.get(topics.DISTURBANCE), reference, log_ns)
 
 
 class RecorderNode(TrunkNode[RecorderConfig]):
