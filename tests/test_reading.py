@@ -120,7 +120,7 @@ def test_each_chunk_is_decompressed_once_for_all_topics(tmp_path, monkeypatch):
     ]
     path = write_mcap(tmp_path / "a.mcap", samples)
     recording = Recording.open(path)
-    monkeypatch.setattr("trunk_msgs_util.recording.store._KEPT", 0)
+    monkeypatch.setattr("trunk_msgs_util.recording.reader._KEPT", 0)
     read = []
     original = type(recording.opened[0]).content
     monkeypatch.setattr(

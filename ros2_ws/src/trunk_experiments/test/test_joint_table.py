@@ -16,8 +16,7 @@ from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs import engine
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording import joint_arrays
-from trunk_msgs_util.recording.writing import chunked
+from trunk_msgs_util.recording import joint_arrays, writer
 
 TERMS = topics.controller_state("pid")
 
@@ -26,7 +25,7 @@ TERMS = topics.controller_state("pid")
 def path(tmp_path_factory):
     path = tmp_path_factory.mktemp("table") / "run.mcap"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chunked, "CHUNK_SIZE", 20_000)  # some twenty states
+        patch.setattr(writer, "CHUNK_SIZE", 20_000)  # some twenty states
         record_offline(make_plan("fig8", "pid", everywhere={"duration": 0.3}), path)
     return path
 

@@ -20,9 +20,9 @@ from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.provenance import ARITHMETIC
+from trunk_msgs_util.recording import writer
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.schemas import event
-from trunk_msgs_util.recording.writing import chunked
 from trunk_msgs_util.samples import JointSample
 from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
@@ -186,7 +186,7 @@ def outcome(plan, path):
 @pytest.mark.parametrize("name", [*PLANS, *BY_HAND])
 def test_states_in_bulk_make_the_same_file(name, tmp_path, monkeypatch):
     plan = (PLANS | BY_HAND)[name]()
-    monkeypatch.setattr(chunked, "CHUNK_SIZE", 30_000)  # several chunks in one stretch
+    monkeypatch.setattr(writer, "CHUNK_SIZE", 30_000)  # several chunks in one stretch
     expected = one_by_one(plan, tmp_path / "one_by_one.mcap")
     monkeypatch.setattr(engine, "longest", lambda substeps: 70)
     monkeypatch.setattr(engine, "worth_compiling", lambda *_: False)

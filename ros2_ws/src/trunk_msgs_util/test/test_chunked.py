@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
+from trunk_msgs_util.recording.interleaved import Rows
 from trunk_msgs_util.recording.messages import MESSAGE_HEAD
-from trunk_msgs_util.recording.writing import chunked
-from trunk_msgs_util.recording.writing.chunked import ChunkedWriter
-from trunk_msgs_util.recording.writing.interleaved import Rows
+from trunk_msgs_util.recording.writer import ChunkedWriter
 
 TIMES = st.integers(0, 2**63 - 1) | st.integers(0, 5)
 MESSAGES = st.tuples(st.just("message"), st.integers(0, 2), TIMES, TIMES, st.binary(max_size=40))
@@ -66,7 +65,7 @@ def test_the_file_is_the_one_that_the_library_writes(ours, theirs, steps, size):
     for channel, data in calls(library, steps):
         wanted[channel] += data
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chunked, "CHUNK_SIZE", size)
+        patch.setattr("trunk_msgs_util.recording.writer.CHUNK_SIZE", size)
         total = sum(1 for _ in calls(ChunkedWriter(found, ours, take), steps))
     assert found.getvalue() == expected.getvalue()
     assert dict(taken) == dict(wanted)
@@ -102,7 +101,7 @@ def test_rows_make_the_file_of_single_messages(blocks, size, seed):
         for k in range(3):
             writer.register_channel(f"/{k}", "cdr", schema, {"k": str(k)})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chunked, "CHUNK_SIZE", size)
+        patch.setattr("trunk_msgs_util.recording.writer.CHUNK_SIZE", size)
         for block in blocks:
             rows, messages = [], []
             for k, (length, places) in block.items():

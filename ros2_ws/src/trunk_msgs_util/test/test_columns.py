@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from mcap.opcode import Opcode
 
-from trunk_msgs_util.recording import store as module
+from trunk_msgs_util.recording import reader as module
 from trunk_msgs_util.recording.columns import read_series
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError

@@ -7,7 +7,7 @@ from itertools import permutations
 
 import pytest
 
-from trunk_msgs_util.recording import store
+from trunk_msgs_util.recording import reader
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.recover import recover
@@ -90,7 +90,7 @@ def test_spans_and_gaps_do_not_depend_on_the_order(tmp_path, monkeypatch, rows, 
     messages = [("/a", s.stamp_ns + 3, layout_of(s).pack(s)) for s in samples]
     path = write_mcap(tmp_path / "a.mcap", messages, chunk_size=1024)
     if glances:
-        monkeypatch.setattr(store, "_BY_SUMMARY", 0)
+        monkeypatch.setattr(reader, "_BY_SUMMARY", 0)
     run = Recording.open_by_summary(path)
     assert run.checked != glances
     assert seen(run) == (0, (COUNT - 1 + 9) * MS, 10 * MS, COUNT)

@@ -6,7 +6,7 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.writer import IndexType
 
-from trunk_msgs_util.recording import store as module
+from trunk_msgs_util.recording import reader as module
 from trunk_msgs_util.recording.file import RecordingFile
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording

@@ -15,13 +15,13 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.files import atomic_write, resolve_path
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording.file import RecordingFile
+from trunk_msgs_util.recording.interleaved import Rows
 from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.messages import Messages, unaligned
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
 from trunk_msgs_util.recording.topic import STAMPED
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
-from trunk_msgs_util.recording.writing.interleaved import Rows
 from trunk_msgs_util.source import process_id
 
 from ..plans.nodes import NODES

@@ -11,9 +11,9 @@ from itertools import count
 from pathlib import Path
 
 from trunk_msgs_util.recording.bag_folder import METADATA
+from trunk_msgs_util.recording.own_file import is_being_written
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
-from trunk_msgs_util.recording.writing.own_file import is_being_written
 from trunk_msgs_util.yaml_text import YamlTextError
 
 from ..errors import PlanError

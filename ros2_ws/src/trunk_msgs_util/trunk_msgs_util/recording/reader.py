@@ -2,28 +2,354 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from contextlib import suppress
-from functools import cached_property
+from functools import cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
 
 from .. import topics as names
 from ..events import Event
+from .bag_folder import METADATA, bag_folder
+from .blocks import name_of
+from .digests import DIGESTS, END, PROVENANCE, RunningDigests, differing, uncoverable, uncovered
+from .file import RecordingFile, size_of
 from .joint_arrays import JointArrays, concatenate, decode
 from .limits import MAX_TEXT
 from .schemas import ParameterChange, RunEvent, parse_event, parse_parameter_event
-from .store import RecordedFiles
+from .structure import ERROR, Walk, structure
+from .summary import open_by_summary
 from .topic import RecordingError, Topic
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-    from pathlib import Path
-
     from ..samples import Value
+    from .file import Block
+    from .messages import Messages
+    from .split import Content
 
 __all__ = ["Recording", "RecordingError", "Topic"]
 
 Parsed = TypeVar("Parsed")
 _RUN = names.RUN_EVENTS.rpartition("/")[0] + "/"
+# Decompressed chunks kept for the next pass: a one-minute run is decompressed once.
+_KEPT = 64 << 20
+# A larger file need not be read whole to be opened; smaller ones are scanned in no time.
+_BY_SUMMARY = 32 << 20
+_OURS = "trunk_msgs_util"  # prefix of the library's name in files that must have an end record
+
+
+class RecordedFiles:
+    """The file, or a bag's files, of a recording: topics, metadata, and blocks of messages as bytes.
+
+    ``warnings`` lists what is missing or damaged, and from which byte on; ``unfinished`` is the one that
+    says why no end record marks the run as complete. Nothing after the first damaged byte counts.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.topics: dict[str, Topic] = {}
+        self.provenance: dict[str, str] = {}
+        self.digests: dict[str, str] = {}
+        self.end: dict[str, str] | None = None
+        self.warnings: list[str] = []
+        self.unfinished = ""
+        self.checked = True  # every record was read and is sound
+        self.walks: dict[Path, Walk] = {}  # of the undamaged files that were read whole
+        self._sound = True
+        self._files: list[RecordingFile] = []
+        self._kept: OrderedDict[tuple[int, int], Content] = OrderedDict()
+        self._kept_bytes = 0
+
+    def _scan(self, progress: Callable[[int, int], None]) -> None:
+        files, counted = [self.path], None
+        is_bag = self.path.is_dir()
+        if is_bag:
+            files, counted = bag_folder(self.path)
+        sizes = [size_of(path) for path in files]
+        by_summary = not self.checked and sum(sizes) >= _BY_SUMMARY
+        self.checked = True
+        for i, path in enumerate(files):
+            file = open_by_summary(path, self.topics) if by_summary else None
+            if file is not None:
+                self.checked = False
+            else:
+                file = RecordingFile(path, self.topics)
+                report = partial(_report, progress, sum(sizes[:i]), sum(sizes))
+                walk = Walk(sizes[i])
+                file.scan(report, partial(self._keep_scanned, i), walk.take)
+                if file.whole and file.warning is None:
+                    self.walks[path] = walk
+            self._files.append(file)
+            self._sound &= file.sound
+            self.provenance.update(file.metadata[PROVENANCE])
+            self.digests.update(file.metadata.get(DIGESTS, {}))
+            self.end = file.metadata.get(END, self.end)
+            if file.warning:
+                self.warnings.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
+            if not file.whole:
+                if path != files[-1]:
+                    left = len(files) - i - 1
+                    noun = "file is" if left == 1 else "files are"
+                    self.warnings.append(f"{left} later {noun} not read")
+                break
+        self._judge(is_bag, counted)
+
+    def _judge(self, is_bag: bool, counted: int | None) -> None:
+        """Warn if nothing says that the run is whole."""
+        count = sum(topic.count for topic in self.topics.values())
+        if counted is not None and counted != count:
+            self._sound = False
+            self.warnings.append(f"{METADATA} counts {counted} messages, its files hold {count}")
+        library = self._files[0].library
+        if self.end is not None:
+            if self.end.get("complete") != "true":
+                self.unfinished = f"incomplete: {self.end.get('reason', 'no reason given')}"
+            elif not self._read_to_their_ends:
+                self.unfinished = "incomplete: marked as complete, but not all of it can be read"
+            else:
+                return
+        elif library.startswith(_OURS) or not (library or self._files[0].whole):
+            self.unfinished = f"no {END} record: the recorder did not shut down properly"
+        elif is_bag and counted is None:
+            self.unfinished = f"no {METADATA}: the recorder did not shut down properly"
+        else:
+            self.unfinished = (
+                f"recorded by {library or 'a program that gives no name'}: "
+                f"no {END} record says whether the run is complete"
+            )
+        self.warnings.append(self.unfinished)
+
+    @property
+    def further_warnings(self) -> list[str]:
+        """The warnings other than ``unfinished``, for callers that have already reported that one."""
+        return [warning for warning in self.warnings if warning != self.unfinished]
+
+    @property
+    def files(self) -> list[Path]:
+        """The MCAP files that were read; more than one for a split bag."""
+        return [file.path for file in self._files]
+
+    @property
+    def opened(self) -> list[RecordingFile]:
+        """The files as they were scanned, with their header, channels and records."""
+        return list(self._files)
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(path.stat().st_size for path in self.files)
+
+    @property
+    def library(self) -> str:
+        """What wrote the first file, according to the file."""
+        return self._files[0].library
+
+    def alterations(self) -> list[str]:
+        """Return the topics and parts that differ from what the recorder wrote, by its digests."""
+        return differing(self.digests, self.digested)
+
+    def undigested(self) -> list[str]:
+        """Return the topics and parts that no digest of the recorder covers."""
+        return uncovered(self.digests, self.topics) + self.undigestible()
+
+    def undigestible(self) -> list[str]:
+        """Return the parts that no digest could cover."""
+        return uncoverable(
+            self.topics,
+            sum(file.attachments for file in self._files),
+            (name_of(kind) for file in self._files for kind in file.unknown),
+        )
+
+    @property
+    def complete(self) -> bool:
+        """True if the recorder marked the run as complete, and all of it was read and is unaltered."""
+        marked = self.end is not None and self.end.get("complete") == "true"
+        return self._sound and self._read_to_their_ends and marked
+
+    @property
+    def _read_to_their_ends(self) -> bool:
+        return all(file.whole or file.data_ended for file in self._files)
+
+    @property
+    def damage(self) -> list[str]:
+        """What keeps the files from being read to their end, or as many messages as counted."""
+        damage = [f"{file.path.name}: {file.warning}" for file in self._files if file.warning]
+        return damage or (
+            [] if self._sound else [f"the number of messages is not the one in {METADATA}"]
+        )
+
+    @cached_property
+    def seen_otherwise(self) -> list[str]:
+        """What an index or a summary says otherwise than the data, a line each: other readers go by it.
+
+        Files that were not read whole are read once more. Raises OSError.
+        """
+        return [
+            finding.describe()
+            for file in self._files
+            for finding in structure(file.path, self.walks.get(file.path))
+            if finding.severity == ERROR and finding.message != file.warning
+        ]
+
+    @cached_property
+    def digested(self) -> dict[str, str]:
+        """The digests of what the file holds now."""
+        digests = self._digests_around()
+        for file, _, _, content in self._contents(self.topics):
+            _digest(digests, file, content)
+        return digests.values()
+
+    def survey(self) -> Iterator[tuple[dict[str, Messages], dict[str, Messages]]]:
+        """Yield each block's messages by topic: all of them, and those that can be read.
+
+        One pass for both, and for `digested`.
+        """
+        digests = self._digests_around()
+        for file, block, channels, content in self._contents(self.topics):
+            _digest(digests, file, content)
+            whole = _by_topic(file, channels, content)
+            yield whole, _readable(file, block, whole)
+        self.__dict__["digested"] = digests.values()  # as `cached_property` keeps it
+
+    def _digests_around(self) -> RunningDigests:
+        """Return digests that have taken everything but messages."""
+        digests = RunningDigests()
+        for file in self._files:
+            digests.header(file.profile, file.library)
+            for channel in file.channels.values():
+                digests.channel(channel, file.schemas.get(channel.schema_id))
+            for name, values in file.metadata_records:
+                digests.metadata(name, values)
+            for _ in range(file.attachments):
+                digests.attachment()
+        return digests
+
+    def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, Messages]]:
+        """Yield the messages of some topics that can be read, block by block in file order.
+
+        One pass: each block is decompressed once for all topics. A topic without messages in a block
+        is not in its dictionary. Raises RecordingError for a topic beyond a limit.
+        """
+        asked = list(topics)
+        for topic in asked:
+            if topic in self.topics and self.topics[topic].unreadable.limit is not None:
+                raise RecordingError(
+                    f"{self.path}: {self.topics[topic].unreadable.describe(topic, 0)}"
+                )
+        return self._blocks(asked, only_readable=True)
+
+    def _blocks(
+        self, topics: Iterable[str], only_readable: bool = False
+    ) -> Iterator[dict[str, Messages]]:
+        for file, block, channels, content in self._contents(topics):
+            messages = _by_topic(file, channels, content)
+            if only_readable:
+                messages = _readable(file, block, messages)
+            if messages:
+                yield messages
+
+    def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, Messages]]:
+        """Yield the messages of some topics together, in file order, with their file."""
+        for file, _, channels, content in self._contents(topics):
+            messages = content.messages(channels & content.channels.keys())
+            if messages is not None:
+                yield file, messages
+
+    def _contents(
+        self, topics: Iterable[str]
+    ) -> Iterator[tuple[RecordingFile, Block, Set[int], Content]]:
+        """Yield the blocks that have messages of some topics, each read once, and the topics' channels."""
+        asked = list(topics)
+        for number, file in enumerate(self._files):
+            every = {channel for topic in asked for channel in file.numbers(topic)}
+            with file.path.open("rb") as stream:
+                for block in file.blocks:
+                    if every.isdisjoint(block.channels):
+                        continue
+                    key = (number, block.offset)
+                    content = self._kept.get(key) or file.content(stream, block)
+                    self._keep(key, content)
+                    yield file, block, every, content
+
+    def _keep_scanned(self, number: int, offset: int, content: Content) -> None:
+        """Keep the first blocks of a scan, as many as fit: the next pass begins with them."""
+        if self._kept_bytes + _cost(content) <= _KEPT:
+            self._keep((number, offset), content)
+
+    def _keep(self, key: tuple[int, int], content: Content) -> None:
+        if key not in self._kept:
+            self._kept_bytes += _cost(content)
+        self._kept[key] = content
+        self._kept.move_to_end(key)
+        while self._kept_bytes > _KEPT:
+            self._kept_bytes -= _cost(self._kept.popitem(last=False)[1])
+
+    def messages(self, topic: str) -> Iterator[tuple[list[int], list[bytes]]]:
+        """Yield ``(log times in ns, messages)`` of a topic, block by block, in the file's order."""
+        for block in self.blocks([topic]):
+            yield block[topic].log_time_ns.tolist(), block[topic].bytes()
+
+    def unreadable(self, topic: str) -> str:
+        """Return why none of a topic's messages can be read; empty if some can, or there are none."""
+        about = self.topics.get(topic)
+        if about is None or not about.count or about.readable:
+            return ""
+        why = about.unreadable.limit or about.unreadable.first[0].why
+        return f"none of its {about.count} messages can be read: {why}"
+
+    def longest_gap_ns(self, topic: str) -> int:
+        """Return the longest time between the log times of a topic's messages, in the order of these."""
+        about = self.topics[topic]
+        if about.ordered or about.unreadable.limit is not None:
+            return about.longest_gap_ns
+        log = np.concatenate([block[topic].log_time_ns for block in self.blocks([topic])])
+        return int(np.diff(np.sort(log)).max(initial=0))
+
+    def check_type(self, topic: str, type_name: str) -> None:
+        """Raise RecordingError if messages of a topic are of another type."""
+        if topic in self.topics and self.topics[topic].count:
+            about = self.topics[topic]
+            why = about.is_read() or f"its type is {about.type or 'not given'}"
+            if about.type != type_name or about.is_read():
+                raise RecordingError(f"{self.path}: {topic} cannot be read as {type_name}: {why}")
+
+
+def _digest(digests: RunningDigests, file: RecordingFile, content: Content) -> None:
+    whole = content.messages(content.channels)
+    if whole is not None:
+        digests.heads(whole.heads())
+    for number, messages in content.channels.items():
+        digests.messages(file.channels[number].topic, messages.joined())
+
+
+def _by_topic(file: RecordingFile, channels: Set[int], content: Content) -> dict[str, Messages]:
+    """Return a block's messages of these channels by topic; none for a topic without messages."""
+    messages_of: dict[str, Messages] = {}
+    for topic, numbers in file.by_topic(sorted(channels & content.channels.keys())).items():
+        messages = content.messages(numbers)
+        if messages is not None and len(messages):
+            messages_of[topic] = messages
+    return messages_of
+
+
+def _readable(
+    file: RecordingFile, block: Block, whole: Mapping[str, Messages]
+) -> dict[str, Messages]:
+    """Return those of a block's messages that can be read; none for a topic without any."""
+    readable = {topic: file.readable(block.offset, messages) for topic, messages in whole.items()}
+    return {topic: messages for topic, messages in readable.items() if len(messages)}
+
+
+def _cost(content: Content) -> int:
+    """Return about how many bytes a block takes; offsets take as much as short messages."""
+    return 2 * len(content.data) + 1000
+
+
+def _report(progress: Callable[[int, int], None], before: int, of: int, done: int) -> None:
+    progress(before + done, of)
 
 
 class Recording(RecordedFiles):

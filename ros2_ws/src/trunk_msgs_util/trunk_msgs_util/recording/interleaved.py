@@ -9,10 +9,10 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from ..messages import HEAD, HEAD_FIELDS, unaligned
+from .messages import HEAD, HEAD_FIELDS, unaligned
 
 if TYPE_CHECKING:
-    from ..joint_arrays import Integers
+    from .joint_arrays import Integers
 
 
 class Rows(NamedTuple):
