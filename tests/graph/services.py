@@ -1,9 +1,11 @@
-"""The parameter services of a node, called by the test's own."""
+"""A node's lifecycle and parameters, by its services."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -15,13 +17,25 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 
 from .peer import Peer
 
+_GOALS = {
+    "configure": "inactive",
+    "cleanup": "unconfigured",
+    "activate": "active",
+    "deactivate": "inactive",
+}
+
 
 class Services:
-    """The parameter services of one node."""
+    """The services of one node."""
 
     def __init__(self, peer: Peer, node: str) -> None:
         self._peer = peer
         self._node = node
+
+    def _call(self, kind: type, service: str, **fields: Any) -> Any:
+        return self._peer.call(kind, f"/{self._node}/{service}", **fields)
+
+    # Parameters.
 
     def set(self, **values: Any) -> SetParametersResult:
         """Set parameters one by one; ``__`` in a name stands for the dot. Return the last result."""
@@ -43,8 +57,26 @@ class Services:
     def describe(self, *names: str) -> Any:
         return self._call(DescribeParameters, "describe_parameters", names=names).descriptors
 
-    def _call(self, kind: type, service: str, **fields: Any) -> Any:
-        return self._peer.call(kind, f"/{self._node}/{service}", **fields)
+    # Lifecycle.
+
+    def state(self) -> str:
+        label: str = self._call(GetState, "get_state").current_state.label
+        return label
+
+    def change(self, label: str) -> bool:
+        """Ask for a transition by its number, as ``ros2 lifecycle set`` does.
+
+        If the first answer is lost, the peer asks again, and is refused what has been done.
+        """
+        before = self.state()
+        request = Transition(id=getattr(Transition, f"TRANSITION_{label.upper()}"))
+        success: bool = self._call(ChangeState, "change_state", transition=request).success
+        goal = _GOALS.get(label)
+        return success or (goal is not None and before != goal and self.state() == goal)
+
+    def available(self) -> set[str]:
+        found = self._call(GetAvailableTransitions, "get_available_transitions")
+        return {f.transition.label for f in found.available_transitions}
 
 
 def _messages(values: dict[str, Any]) -> list[Any]:

@@ -20,7 +20,6 @@ from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import nanoseconds, seconds
 
 from ..same_bits.paths import branched_at, difference
-from .lifecycle import Life
 from .peer import Peer
 from .processes import Children
 from .services import Services
@@ -74,13 +73,12 @@ def test_an_eventful_run_is_branched_at_any_time(
     simulator = children.node(
         "simulator", "duration:=0.0", "update_rate:=200.0", "wait_for:=[effort_command,recorder]"
     )
-    plant, controller = Life(peer, "simulator"), Life(peer, "pid")
-    gains, mechanics = Services(peer, "pid"), Services(peer, "simulator")
+    plant, controller = Services(peer, "simulator"), Services(peer, "pid")
     for i_gain in (35.0, 5.0):
         later = len(truth) + 50
         peer.until(lambda later=later: len(truth) > later, "the run goes on")
-        assert gains.set(gains__i=i_gain).successful
-        assert mechanics.set(plant__length=1.0 + 0.001 * i_gain).successful
+        assert controller.set(gains__i=i_gain).successful
+        assert plant.set(plant__length=1.0 + 0.001 * i_gain).successful
         assert plant.change("deactivate")
         assert controller.change("deactivate")
         assert peer.call(Trigger, "/pid/reset").success
@@ -118,12 +116,12 @@ def test_a_branch_may_begin_before_somebody_elses_disturbances(
     )
     disturb = peer.publisher(topics.DISTURBANCE, "simulator", "recorder")
     peer.until(lambda: len(truth) > 50, "the run goes on")
-    assert Life(peer, "simulator").change("deactivate")  # simulated time stands still
+    assert Services(peer, "simulator").change("deactivate")  # simulated time stands still
     stamp_ns = peer.until_event("simulator", Event.PAUSED).stamp_ns + 100_000_000
     said = JointSample(stamp_ns, ("hip", "trunk"), (0.0, 0.0), effort=(0.0, 5.0))
     disturb.publish(sample_to_ros(said))
     peer.until_received(disturb)
-    assert Life(peer, "simulator").change("activate")
+    assert Services(peer, "simulator").change("activate")
     peer.until(lambda: stamp_from_ros(truth[-1].header.stamp) > stamp_ns, "it has acted")
     for child in (simulator, pid, recorder):
         assert child.stop() == 0, child.stderr

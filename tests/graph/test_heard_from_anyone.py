@@ -18,9 +18,9 @@ from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
 
-from .lifecycle import Life
 from .peer import Peer
 from .processes import Child, Children, until
+from .services import Services
 
 pytestmark = pytest.mark.graph
 
@@ -110,7 +110,7 @@ def test_another_node_that_repeats_our_messages_adds_none(
         "simulator", "duration:=0.0", "wait_for:=[disturbance]", "autostart:=false"
     )
     # To the simulator, any publisher of disturbances will do: it begins once the node is there too.
-    life = Life(peer, "simulator")
+    life = Services(peer, "simulator")
     assert life.change("configure")
     disturbance = children.node("disturbance")
     peer.until_event("disturbance", Event.READY)

@@ -14,9 +14,9 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.node.conversions import stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
 
-from .lifecycle import Life
 from .peer import Peer
 from .processes import Children
+from .services import Services
 
 pytestmark = pytest.mark.graph
 
@@ -37,7 +37,7 @@ def test_every_transition(children: Children, peer: Peer, tmp_path: Path, node: 
     file = ("output:=run.mcap", "overwrite:=true") if node == "recorder" else ()
     child = children.node(node, "autostart:=false", *file)
     peer.until_up(node)
-    life = Life(peer, node)
+    life = Services(peer, node)
     assert life.state() == UNCONFIGURED
     assert not (tmp_path / "run.mcap").exists()
     assert not life.change(
@@ -73,7 +73,7 @@ def test_a_recorder_that_cannot_be_configured(
     (tmp_path / "run.mcap").touch()
     child = children.node("recorder", "autostart:=false", "output:=run.mcap")
     peer.until_up("recorder")
-    life = Life(peer, "recorder")
+    life = Services(peer, "recorder")
     assert not life.change("configure")
     assert life.state() == UNCONFIGURED
     (tmp_path / "run.mcap").unlink()
@@ -87,7 +87,7 @@ def test_the_plant_waits_for_an_inactive_controller(children: Children, peer: Pe
     pid = children.node("pid", "autostart:=false")
     simulator = children.node("simulator", "duration:=0.5", "lockstep.enabled:=true")
     peer.until_up("pid")
-    life = Life(peer, "pid")
+    life = Services(peer, "pid")
     assert life.change("configure")
     before = len(peer.events)
     peer.until(lambda: "simulator" in {n.strip("/") for n, _ in peer.diagnostics}, "it diagnoses")
@@ -105,7 +105,7 @@ def test_deactivating_the_simulator_pauses_the_run(children: Children, peer: Pee
     pid = children.node("pid")
     simulator = children.node("simulator")
     peer.until(lambda: len(truth) > 50, "the run goes on")
-    life = Life(peer, "simulator")
+    life = Services(peer, "simulator")
     assert life.change("deactivate")
     held_ns = peer.until_event("simulator", "paused").stamp_ns
     peer.until(lambda: stamp_from_ros(truth[-1].header.stamp) >= held_ns, "all states came")
@@ -122,7 +122,7 @@ def test_a_run_whose_recorder_is_managed_by_hand(children: Children, peer: Peer)
         "run", "demo", "--duration", 0.2, "--output", "run", "--set", "recorder.autostart=false"
     )
     peer.until_event("fuzzy_pid", "ready")
-    life = Life(peer, "recorder")
+    life = Services(peer, "recorder")
     assert life.change("configure")
     assert not [event for event in peer.events if event.message == "started"]
     assert life.change("activate")
@@ -140,7 +140,7 @@ def test_a_recorder_that_was_inactive_for_a_while(
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
     pid = children.node("pid")
     simulator = children.node("simulator", "duration:=0.0", "wait_for:=[effort_command,recorder]")
-    life = Life(peer, "recorder")
+    life = Services(peer, "recorder")
     for label in ("deactivate", "activate"):
         later = len(truth) + 100
         peer.until(lambda later=later: len(truth) > later, "the run goes on")

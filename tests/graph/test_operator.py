@@ -19,7 +19,6 @@ from trunk_msgs_util.samples import JointSample
 from trunk_sim.operator_input import Applied
 
 from ..same_bits.paths import difference
-from .lifecycle import Life
 from .peer import Peer
 from .processes import Child, Children
 from .services import Services
@@ -95,9 +94,9 @@ def pushed_run(
             # On a busy machine what the operator sees is old.
             *("--set", f"simulator.operator.timeout={PATIENCE}", *given),
         )
-        assert Life(peer, "simulator").change("configure")
+        assert Services(peer, "simulator").change("configure")
         hand.ready(1)
-        assert Life(peer, "simulator").change("activate")
+        assert Services(peer, "simulator").change("activate")
         do(hand)
         hand.taken()
         if "--lockstep" in given:
@@ -177,12 +176,12 @@ def test_a_strangers_pushes_are_not_the_operators(
     """Nobody uses them: in real time they name no source; in lock-step they cannot be told from others."""
     held = ("--set", "simulator.autostart=false")  # until the stranger has pushed
     child = children.trunk("run", "demo", "--duration", 1, "--output", "run", *mode, *held)
-    assert Life(peer, "simulator").change("configure")
+    assert Services(peer, "simulator").change("configure")
     stranger = peer.publisher(f"/{topics.OPERATOR_PUSH}", "recorder")
     peer.until_event("recorder", Event.READY)
     stranger.publish(sample_to_ros(JointSample(0, ("hip", "trunk"), effort=(0.0, 5.0))))
     peer.until_received(stranger)
-    assert Life(peer, "simulator").change("activate")
+    assert Services(peer, "simulator").change("activate")
     assert child.wait() == (1 if mode else 0), child.stderr
     found = Recording.open(tmp_path / "run" / "run.mcap")
     assert found.complete == (not mode)

@@ -13,10 +13,10 @@ from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.node.conversions import stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
 
-from .lifecycle import Life
 from .peer import Event, Peer
 from .processes import Children
 from .recordings import assert_every_step, joints
+from .services import Services
 
 pytestmark = pytest.mark.graph
 
@@ -122,7 +122,7 @@ def test_a_pause_outlives_the_inactive_state(
     peer.until_recorded(100)  # a recorder that came after this run would hold none of its states
     assert peer.call(SetBool, "/simulator/pause", data=True).success
     paused_ns = peer.until_event("simulator", "paused").stamp_ns
-    life = Life(peer, "simulator")
+    life = Services(peer, "simulator")
     assert life.change("deactivate")
     response = peer.call(SetBool, "/simulator/pause", data=False)
     assert (response.success, response.message) == (False, "inactive: activate the simulator")

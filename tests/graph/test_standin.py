@@ -12,9 +12,9 @@ import yaml
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 
-from .params import values
 from .peer import Peer
 from .processes import PATIENT, Child, Children
+from .services import Services
 from .test_param_dump import dump
 
 pytestmark = pytest.mark.graph
@@ -56,11 +56,11 @@ def test_parameters(children: Children, peer: Peer, ros2: Ros2, tmp_path: Path) 
     assert ask("get", "reference.times") == (0, "Double values are: []\n", "")
     assert ask("get", "gain.p") == (1, "", "Parameter not set\n")
     assert ask("set", "gains.p", "61.5") == (0, "Set parameter successful\n", "")
-    assert values(peer, "pid", "gains.p") == [61.5]
+    assert Services(peer, "pid").get("gains.p") == [61.5]
     refusal = "parameter 'gains.p': -1.0 is not allowed: double, >= 0 and <= 1e+09"
     failed = f"Setting parameter failed: {refusal}\n"
     assert ask("set", "gains.p", "-1.0") == (1, "", failed)
-    assert values(peer, "pid", "gains.p") == [61.5]
+    assert Services(peer, "pid").get("gains.p") == [61.5]
 
     large = 2**63
     assert ask("set", "gains.p", large) == (1, "", "gains.p: an integer beyond 64 bits\n")
@@ -72,7 +72,7 @@ def test_parameters(children: Children, peer: Peer, ros2: Ros2, tmp_path: Path) 
     code, text, errors = ask("load", "pid.yaml")
     assert (code, errors) == (0, "")
     assert "Set parameter gains.p successful\n" in text
-    assert values(peer, "pid", "gains.p") == [62.0]
+    assert Services(peer, "pid").get("gains.p") == [62.0]
     (tmp_path / "bad.yaml").write_text("pid: {ros__parameters: {gains: {d: 8.0, p: -1.0}}}")
     successful = "Set parameter gains.d successful\n"
     failed = f"Set parameter gains.p failed: {refusal}\n"

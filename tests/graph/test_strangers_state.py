@@ -14,9 +14,9 @@ from trunk_msgs_util.node.conversions import sample_to_ros
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
 
-from .lifecycle import Life
 from .peer import Peer
 from .processes import Children
+from .services import Services
 
 pytestmark = pytest.mark.graph
 
@@ -35,14 +35,14 @@ def test_a_stranger_publishes_a_state_from_the_far_future(
 ) -> None:
     held = ("--set", "simulator.autostart=false")  # until the stranger has spoken
     run = children.trunk("run", "demo", "--duration", 1, "--output", "run", *held)
-    assert Life(peer, "simulator").change("configure")
+    assert Services(peer, "simulator").change("configure")
     stranger = peer.publisher(topic, "recorder")
     peer.until_event("recorder", Event.READY)
     far_ns = (2**31 - 1) * 10**9
     state = JointSample(far_ns, ("hip", "trunk"), (0.0, 0.1), (0.0, 0.0), (0.0, 0.0))
     stranger.publish(sample_to_ros(state))
     peer.until_received(stranger)
-    assert Life(peer, "simulator").change("activate")
+    assert Services(peer, "simulator").change("activate")
     assert run.wait() != 0
     assert run.stdout.startswith("INCOMPLETE: ")
     assert re.search(says, run.stdout)

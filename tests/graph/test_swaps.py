@@ -15,9 +15,9 @@ from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
 
-from .lifecycle import Life
 from .peer import Peer
 from .processes import Child, Children
+from .services import Services
 from .verbs import said, verified
 
 pytestmark = pytest.mark.graph
@@ -29,7 +29,7 @@ def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
     nodes = [children.node("pid"), children.node("fuzzy_pid", "autostart:=false")]
     peer.until_up("fuzzy_pid")
-    pid, fuzzy_pid = Life(peer, "pid"), Life(peer, "fuzzy_pid")
+    pid, fuzzy_pid = Services(peer, "pid"), Services(peer, "fuzzy_pid")
     assert fuzzy_pid.change("configure")
     truth = peer.hear(topics.GROUND_TRUTH)
     simulator = children.node("simulator", "duration:=0.0")
@@ -70,7 +70,7 @@ def test_a_controller_joins_a_run_under_way(children: Children, peer: Peer, tmp_
     truth = peer.hear(topics.GROUND_TRUTH)
     simulator = children.node("simulator", "duration:=0.0")
     peer.until(lambda: len(truth) > 100, "the run goes on")
-    assert Life(peer, "pid").change("deactivate")
+    assert Services(peer, "pid").change("deactivate")
     updates = peer.hear(topics.controller_state("fuzzy_pid"))
     fuzzy_pid = children.node("fuzzy_pid")
     peer.until(lambda: len(updates) > 100, "it answers")
@@ -90,12 +90,12 @@ def test_a_controller_that_outlives_the_recorder_is_not_held_against_the_run(
     recorder = children.node("recorder", "output:=run.mcap")
     pid, fuzzy_pid = children.node("pid"), children.node("fuzzy_pid", "autostart:=false")
     peer.until_up("fuzzy_pid")
-    life = Life(peer, "fuzzy_pid")
+    life = Services(peer, "fuzzy_pid")
     assert life.change("configure")
     updates = peer.hear(topics.controller_state("fuzzy_pid"))
     simulator = children.node("simulator", "duration:=0.0")
     peer.until_recorded(300)
-    assert Life(peer, "pid").change("deactivate")
+    assert Services(peer, "pid").change("deactivate")
     assert life.change("activate")
     peer.until(lambda: len(updates) > 100, "it answers")
     for child in (simulator, pid, recorder, fuzzy_pid):

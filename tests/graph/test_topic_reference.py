@@ -6,8 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -20,6 +18,7 @@ from trunk_msgs_util.samples import JointSample
 
 from .peer import Peer
 from .processes import Children
+from .services import Services
 
 pytestmark = pytest.mark.graph
 
@@ -54,8 +53,7 @@ def command(children: Children, peer: Peer) -> Callable[[], float]:
 
 def test_it_ends_with_its_profile(command: Callable[[], float], peer: Peer) -> None:
     def take_profile(name: str) -> None:
-        changed = [Parameter("reference.profile", value=name).to_parameter_msg()]
-        (result,) = peer.call(SetParameters, "/pid/set_parameters", parameters=changed).results
+        result = Services(peer, "pid").set(reference__profile=name)
         assert result.successful, result.reason
 
     tell = peer.speaker(topics.REFERENCE)
