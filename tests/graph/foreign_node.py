@@ -81,6 +81,8 @@ class ForeignNode(Node):
         names = {"hip": ["hip"], "noname": [], "both": ["hip", "trunk"]}.get(self.fault, ["trunk"])
         values = {"nan": [nan], "empty": [], "both": [0.0, effort]}.get(self.fault, [effort])
         command = JointState(name=names, effort=values)
+        if self.fault == "names_its_frame":
+            command.header.frame_id = "base_link"
         if self.fault == "copies_the_header":
             command.header = state.header
         elif self.fault == "wall":

@@ -57,6 +57,20 @@ class Child:
     def stderr(self) -> str:
         return (self.folder / f"{self.name}.err").read_text(errors="replace")
 
+    @property
+    def alive(self) -> bool:
+        return self.process.poll() is None
+
+    @property
+    def exit_code(self) -> int | None:
+        """None while it runs, and if it was killed."""
+        code = self.process.poll()
+        return None if code is None or code < 0 else code
+
+    @property
+    def log(self) -> list[str]:
+        return self.stderr.splitlines()
+
     def send(self, number: int) -> None:
         self.process.send_signal(number)
 

@@ -219,12 +219,12 @@ class _Draft:
         self.add("mistype", self.chance.choice(("reference", own)))
 
     def stranger_with(self) -> None:
-        self.add("stranger", value=round(self.chance.uniform(0.1, 2.0), 2))
+        self.add("stranger")
 
     def stranger_after(self) -> None:
         at_s = self.when()
         self.add("kill", self.controller, at_s=at_s)
-        self.add("stranger", value=0.5, at_s=at_s + 0.05)
+        self.add("stranger", at_s=at_s + 0.05)
 
     def stranger_instead(self) -> None:
         """Start it with the others: the simulator waits for no controller of ours."""
