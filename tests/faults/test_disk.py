@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import subprocess
@@ -22,16 +23,46 @@ from ..graph.peer import Peer
 from ..graph.processes import Child, Children, until
 from ..graph.recordings import finished_file, states_in
 from ..graph.verbs import said as told
-from .disks import Disk, mounted
 
 FULL = "No space left on device"
 MODES = {"real time": (), "lock-step": ("--lockstep", "--speed", "1")}
 
 
+_BLOCK = bytes(4096)
+
+
+class Disk:
+    """A mounted tmpfs, to be filled or made read-only."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def fill(self) -> None:
+        """Write until there is no room for another page."""
+        with (self.folder / "filler").open("ab", buffering=0) as file:
+            try:
+                while file.write(_BLOCK):
+                    pass
+            except OSError as error:
+                if error.errno != errno.ENOSPC:
+                    raise
+
+    def make_read_only(self) -> None:
+        _mount("-o", "remount,ro", str(self.folder))
+
+
+def _mount(*arguments: str) -> None:
+    if subprocess.run(["mount", *arguments], capture_output=True, check=False).returncode:
+        pytest.skip("no small disk can be mounted here (root is needed)")
+
+
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Disk]:
-    with mounted(tmp_path / "disk") as small:
-        yield small
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    _mount("-t", "tmpfs", "-o", "size=4m", "trunk-test", str(folder))
+    yield Disk(folder)
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
 def start(children: Children, peer: Peer, folder: Path, *options: str) -> Child:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -17,45 +19,60 @@ from ..graph.recordings import finished_file
 pytestmark = pytest.mark.graph
 
 
-@pytest.mark.long
-def test_simulator_hangs_in_real_time(children: Children, peer: Peer, tmp_path: Path) -> None:
-    run = children.trunk("run", "demo", "--duration", 3600, "--output", "run")
-    peer.until_started(run)
-    peer.until_recorded(3000)  # some seconds: the runner, too, knows by then that it has started
-    os.kill(children.pid_of("simulator"), signal.SIGSTOP)
-    assert run.wait() == 1, run.stderr
-    children.none_left()
-    line = run.stderr.splitlines()[-1]
-    assert line == "trunk: error: the run ended because simulator has sent nothing for 5 s"
-    assert finished_file(tmp_path / "run" / "run.mcap")["/joint_states"] > 20
-    assert not Recording.open(tmp_path / "run" / "run.mcap").complete
+class Hang(NamedTuple):
+    """What processes get in turn, ``who signal``, and what the run says last."""
+
+    signals: tuple[str, ...]
+    says: str
+    options: tuple[str, ...] = ()
+    recorded: int = 500  # messages before, at most five a state, and a few of the run
 
 
-@pytest.mark.long
-def test_simulator_is_killed_while_all_others_hang(children: Children, peer: Peer) -> None:
-    run = children.trunk("run", "demo", "--duration", 3600, "--output", "run")
-    peer.until_started(run)
-    for name in ("disturbance", "fuzzy_pid", "recorder"):
-        os.kill(children.pid_of(name), signal.SIGSTOP)
-    os.kill(children.pid_of("simulator"), signal.SIGKILL)
-    assert run.wait() == 1, run.stderr
-    children.none_left()
-    line = run.stderr.splitlines()[-1]
-    assert line.startswith("trunk: error: the run ended because simulator was ended by SIGKILL")
-
-
-def test_all_nodes_hang_and_the_runner_gets_sigterm(children: Children, peer: Peer) -> None:
-    run = children.trunk("run", "demo", "--duration", 3600, "--output", "run")
-    peer.until_started(run)
+ALL = tuple(f"{name} STOP" for name in ("simulator", "disturbance", "fuzzy_pid", "recorder"))
+HANGS = {
+    # After some seconds the runner, too, knows that it has started.
+    "the simulator": Hang(
+        ("simulator STOP",), "the run ended because simulator has sent nothing for 5 s$", (), 3000
+    ),
+    "all others, and the simulator is killed": Hang(
+        (*ALL[1:], "simulator KILL"), "the run ended because simulator was ended by SIGKILL"
+    ),
     # The runner as well: on a busy machine it would first notice that the simulator is silent.
-    os.kill(run.process.pid, signal.SIGSTOP)
-    for name in ("simulator", "disturbance", "fuzzy_pid", "recorder"):
-        os.kill(children.pid_of(name), signal.SIGSTOP)
-    for number in (signal.SIGTERM, signal.SIGCONT):
-        os.kill(run.process.pid, number)
-    assert run.wait() == 1
+    "all nodes, and the runner is ended": Hang(
+        ("runner STOP", *ALL, "runner TERM", "runner CONT"), "stopped by SIGTERM"
+    ),
+    "the controller in lock-step": Hang(
+        ("fuzzy_pid STOP",),
+        r"simulator.*no answer.*effort_command.*lockstep\.timeout = 3 s",
+        ("--lockstep", "--speed", "1", "--set", "simulator.lockstep.timeout=3"),
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.long] * ("runner" not in name)) for name in HANGS],
+)
+def test_the_run_ends_and_names_the_process(
+    children: Children, peer: Peer, tmp_path: Path, name: str
+) -> None:
+    hang = HANGS[name]
+    run = children.trunk("run", "demo", "--duration", 3600, "--output", "run", *hang.options)
+    peer.until_started(run)
+    peer.until_recorded(hang.recorded)
+    pids = {who: children.pid_of(who) for who in (word.split()[0] for word in ALL)}
+    for who, number in map(str.split, hang.signals):
+        pid = run.process.pid if who == "runner" else pids[who]
+        os.kill(pid, getattr(signal, f"SIG{number}"))
+    assert run.wait() == 1, run.stderr
+    assert "Traceback" not in run.stderr
     children.none_left()
-    assert run.stderr.splitlines()[-1].startswith("trunk: error: stopped by SIGTERM")
+    assert re.match(f"trunk: error: {hang.says}", run.stderr.splitlines()[-1])
+    if "recorder STOP" not in hang.signals:
+        file = tmp_path / "run" / "run.mcap"
+        assert finished_file(file)["/ground_truth/joint_states"] > 50
+        (warning,) = Recording.open(file).warnings
+        assert warning.startswith("incomplete: ")
 
 
 def test_ctrl_c_comes_before_a_runner_that_hung_knows_of_the_start(
