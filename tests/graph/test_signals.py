@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM end every node cleanly: code 0, the recording finished and marked correctly."""
+"""Nodes that are told to end, or killed: exit codes (docs/faults.md), and what the recording says of it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
 from trunk_msgs_util.recording.reader import Recording
 
 from .peer import Peer
@@ -15,7 +16,6 @@ from .recordings import finished_file
 
 pytestmark = pytest.mark.graph
 
-SIGNALS = [signal.SIGINT, signal.SIGTERM]
 EXECUTABLES = ("simulator", "disturbance", "pid", "fuzzy_pid", "recorder")
 
 
@@ -57,50 +57,114 @@ def test_idle_node(children: Children, peer: Peer, tmp_path: Path, number: int) 
     }
 
 
-@pytest.mark.usefixtures("patient")
-@pytest.mark.parametrize(
-    ("number", "duration", "complete", "reason"),
-    [
-        (signal.SIGINT, 3600.0, "false", "stopped at t = "),
-        (signal.SIGTERM, 0.0, "true", "stopped on request"),
-    ],
-    ids=["SIGINT before the end", "SIGTERM to an endless run"],
-)
-def test_nodes_of_a_run(
+LONG, ENDLESS = "duration:=3600.0", "duration:=0.0"
+LOCKSTEP = ("lockstep.enabled:=true", "lockstep.speed:=1.0")
+ALL = "wait_for:=[effort_command, recorder]"
+EARLY = "the recorder was stopped before the run was finished"
+
+
+def started(
+    children: Children, peer: Peer, simulator: tuple[str, ...], mode: tuple[str, ...]
+) -> dict[str, Child]:
+    """Start simulator, controller and recorder, each by itself; return them once something is recorded."""
+    given = {
+        "recorder": (*mode[:1], "output:=run.mcap"),
+        "pid": mode[:1],
+        "simulator": (*mode, ALL, *simulator),
+    }
+    nodes = {name: children.node(name, *options) for name, options in given.items()}
+    peer.until_recorded(200)
+    return nodes
+
+
+# duration, who ends in which order, exit codes, and the end of the recording.
+STOPPED = {
+    "end": ("duration:=0.3", "simulator pid recorder", (0, 0, 0), "finished"),
+    "simulator": (LONG, "simulator! pid recorder", (1, 0, 1), "stopped at t = "),
+    "recorder": (LONG, "recorder! simulator! pid", (1, 1, 0), EARLY),
+    "endless": (ENDLESS, "simulator! pid recorder", (0, 0, 0), "stopped on request"),
+    "endless, recorder": (ENDLESS, "recorder! simulator! pid", (1, 0, 0), EARLY),
+}
+
+
+@pytest.mark.one_in(2)
+@pytest.mark.parametrize("name", STOPPED)
+@pytest.mark.parametrize("mode", [LOCKSTEP, ()], ids=["lock-step", "real time"])
+def test_stopped(
     children: Children,
     peer: Peer,
     tmp_path: Path,
-    number: int,
-    duration: float,
-    complete: str,
-    reason: str,
+    monkeypatch: pytest.MonkeyPatch,
+    mode: tuple[str, ...],
+    name: str,
 ) -> None:
-    """A run with a planned end is incomplete when cut short; an endless one is complete when stopped."""
-    early = children.node("recorder", "output:=early.mcap", "-r", "__node:=early", name="early")
-    recorder = children.node("recorder", "output:=run.mcap")
-    controller = children.node("pid")
-    simulator = children.node("simulator", f"duration:={duration}")
-    for name in ("recorder", "early"):
-        peer.until_recorded(200, name)
+    """``!``: this node is told to stop while the run is under way, the others once it is over.
 
-    cut_short = int(duration > 0.0)
-    stop(number, early, code=1)
-    assert finished_file(tmp_path / "early.mcap")["/joint_states"] > 20
-    assert Recording.open(tmp_path / "early.mcap").warnings == [
-        "incomplete: the recorder was stopped before the run was finished"
-    ]
-    stop(number, simulator, code=cut_short)
-    stop(number, controller)
-    stop(number, recorder, code=cut_short)
+    A run with a planned end is incomplete when cut short; an endless one is complete when stopped.
+    """
+    duration, order, codes, reason = STOPPED[name]
+    number = signal.SIGTERM if duration == ENDLESS else signal.SIGINT
+    if order.endswith("recorder"):
+        monkeypatch.setenv("TRUNK_PATIENCE", "200")  # as the fixture ``patient``
+    nodes = started(children, peer, (duration,), mode)
+    for who, code in zip(order.split(), codes, strict=True):
+        node = nodes[who.rstrip("!")]
+        ended = node.wait() if who == "simulator" else node.stop(number)
+        assert ended == code, f"{who}: {node.stderr}"
+        assert "Traceback" not in node.stderr
     finished_file(tmp_path / "run.mcap")
     recording = Recording.open(tmp_path / "run.mcap")
+    whole = codes[order.split().index(next(w for w in order.split() if "recorder" in w))] == 0
     assert recording.end is not None
-    assert recording.end["complete"] == complete, recording.end
+    assert recording.end["complete"] == str(whole).lower(), recording.end
     assert recording.end["reason"].startswith(reason)
+    verdict = verify(recording)
+    assert verdict.exit_code == (VERIFIED if whole else UNJUDGED), verdict
+    assert sum(reason in line for line in verdict.obstacles) == (not whole)
+    if reason == EARLY:
+        assert nodes["recorder"].stderr.splitlines()[-1].endswith(f"INCOMPLETE: {EARLY}")
+        return
     (end,) = (event for event in recording.events() if event.message in ("stopped", "finished"))
-    states = int(end.values["states"])
     for topic in ("/ground_truth/joint_states", "/joint_states"):
-        assert recording.topics[topic].count == states
+        assert recording.topics[topic].count == int(end.values["states"])
+
+
+@pytest.mark.usefixtures("patient")
+def test_one_of_two_recorders_is_stopped(children: Children, peer: Peer, tmp_path: Path) -> None:
+    early = children.node("recorder", "output:=early.mcap", "-r", "__node:=early", name="early")
+    nodes = started(children, peer, (ENDLESS,), ())
+    peer.until_recorded(200, "early")
+    assert early.stop() == 1
+    assert finished_file(tmp_path / "early.mcap")["/joint_states"] > 20
+    assert Recording.open(tmp_path / "early.mcap").warnings == [f"incomplete: {EARLY}"]
+    assert [nodes[name].stop() for name in ("simulator", "pid", "recorder")] == [0, 0, 0]
+    assert Recording.open(tmp_path / "run.mcap").complete
+
+
+@pytest.mark.parametrize("gone", ["simulator", "pid", "recorder"])
+def test_gone_in_lockstep(children: Children, peer: Peer, gone: str) -> None:
+    nodes = started(children, peer, (LONG, "lockstep.timeout:=1.0"), LOCKSTEP)
+    if gone == "recorder":
+        assert nodes[gone].stop() == 1
+    else:
+        nodes[gone].stop(signal.SIGKILL)
+    if gone != "simulator":
+        assert nodes["simulator"].wait() == 1
+        assert f"no answer from /{gone}" in nodes["simulator"].stderr
+    if gone != "pid":
+        assert nodes["pid"].stop() == 0
+    assert nodes["recorder"].stop() == 1, nodes["recorder"].stderr
+    assert "INCOMPLETE" in nodes["recorder"].stderr
+
+
+@pytest.mark.parametrize("duration", [LONG, ENDLESS])
+def test_stopped_before_the_run_begins(children: Children, peer: Peer, duration: str) -> None:
+    nodes = [children.node("recorder", "output:=run.mcap"), children.node("simulator", duration)]
+    peer.until_event("simulator", "activated")
+    peer.until_event("recorder", "activated")
+    peer.until_recorded(6)  # parameters, and two events, of each
+    assert nodes[1].stop() == int(duration == LONG), nodes[1].stderr
+    assert nodes[0].stop() == 1, nodes[0].stderr
 
 
 @pytest.mark.parametrize("node", ["pid", "recorder"])
