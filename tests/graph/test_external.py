@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import signal
 import sys
 from importlib.util import find_spec
@@ -187,19 +186,3 @@ def test_two_strangers_are_named(children: Children) -> None:
     assert "2 nodes publish /effort_command: /foreign_pd, /my_pd" in run.stderr
     for node in nodes:
         node.stop(signal.SIGKILL)
-
-
-@pytest.mark.slow
-def test_the_pages_commands_work_as_printed(children: Children, tmp_path: Path) -> None:
-    page = (_EXAMPLES.parents[1] / "docs" / "own_node.md").read_text(encoding="utf-8")
-    section = page.partition("## From nothing to a comparison")[2].partition("\n## ")[0]
-    block = re.search(r"^```bash\n(.*?)^```", section, re.DOTALL | re.MULTILINE)
-    assert block is not None
-    (tmp_path / "examples").symlink_to(_EXAMPLES.parent)
-    script = tmp_path / "page.sh"
-    script.write_text(f"set -e\n{block[1]}", encoding="utf-8")
-    shell = children.start("page", "bash", script)
-    assert shell.wait() == 0, shell.stdout + shell.stderr
-    assert "mine: verified" in shell.stdout
-    assert "commands of my_pd" in shell.stdout
-    assert "NOT RANKED" not in shell.stdout

@@ -18,7 +18,7 @@ from trunk_experiments.plans.nodes import CONTROLLERS
 from .faulty_laws import FAULTS, HONEST
 
 BY_NAME = {check.name: check for check in CHECKS}
-# These two need a registered name; test_own_controller.py has them.
+# These two need a registered name; tests/graph/test_pages.py has them.
 ALONE = [check for check in CHECKS if check.name not in ("compiled", "replay")]
 
 
