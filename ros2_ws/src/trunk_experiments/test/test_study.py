@@ -108,6 +108,24 @@ MISTAKES = {
 }
 
 
+@pytest.mark.parametrize("number", ["1e999", "-1e+999", ".inf", ".nan"])
+@pytest.mark.parametrize(
+    ("place", "numbers"),
+    [
+        ("values", "values: [%s]"),
+        ("from", "from: %s, to: 1, steps: 2"),
+        ("low", "distribution: uniform, low: %s, high: 1"),
+    ],
+)
+def test_only_finite_numbers(number, place, numbers):
+    text = vary(f"parameter: simulator.plant.length, {numbers % number}")
+    with pytest.raises(StudyError) as caught:
+        parse_study(text, "study.yaml")
+    assert str(caught.value) == (
+        f"study.yaml: vary.v.{place}: is {float(number.replace('.', ''))}: a finite number is needed"
+    )
+
+
 @pytest.mark.parametrize(("text", "line"), MISTAKES.values(), ids=MISTAKES)
 def test_mistakes(text, line):
     with pytest.raises(StudyError) as caught:

@@ -108,10 +108,8 @@ class _Reader:
             except UnitError as error:
                 raise self.error(place, f"is {_quoted(value)}: {error}") from None
         if isinstance(value, str) and re.fullmatch(r"[-+.\deE]+", value):
-            try:
-                return float(value)  # "1e-3" is a number to the user, but not to YAML 1.1
-            except ValueError:
-                pass
+            with suppress(ValueError):
+                value = float(value)  # "1e-3" is a number to the user, but not to YAML 1.1
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
             raise self.error(place, f"is {_quoted(value)}: a finite number is needed")
         return float(value)
