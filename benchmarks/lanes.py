@@ -20,9 +20,8 @@ from trunk_experiments.batch.lanes import LANES
 from trunk_experiments.batch.workers import worker_pool
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.rows import make_bases, plan_of
-from trunk_experiments.study.study import design
+from trunk_experiments.study.study import design, parse_study
 from trunk_experiments.study.sweep import RunBlock
 from trunk_experiments.study.sweep import run_block as run_rows
 

@@ -10,10 +10,9 @@ from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
 from trunk_experiments.errors import StudyError
-from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.learning import DrawnRuns, Draws, cost, learn, outcome
 from trunk_experiments.study.rows import make_bases
-from trunk_experiments.study.study import design
+from trunk_experiments.study.study import design, parse_study
 from trunk_experiments.study.sweep import RunBlock, run_block
 
 from .documents import checked

@@ -15,9 +15,8 @@ from trunk_experiments.errors import StudyError
 from trunk_experiments.live.parameters import with_tables
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.rows import make_bases, plan_of
-from trunk_experiments.study.study import design
+from trunk_experiments.study.study import design, parse_study
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError, values_of
 from trunk_msgs_util.parameters.files import ParameterFileError

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from trunk_experiments.errors import StudyError
-from trunk_experiments.study.file import parse_study, read_study
 from trunk_experiments.study.rows import identity, make_bases
-from trunk_experiments.study.study import Distribution
+from trunk_experiments.study.study import Distribution, parse_study, read_study
 
 HEAD = "scenario: fig6\ncontrollers: [pid]\n"
 DELAY = "vary:\n  delay: {parameter: simulator.sensor.delay, values: [0.0]}\n"

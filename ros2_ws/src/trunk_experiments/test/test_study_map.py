@@ -24,9 +24,9 @@ from trunk_experiments.study.compare import (
     wilson,
     worst_runs,
 )
-from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.map import axis_of, draw_curves, panels
 from trunk_experiments.study.results import Results
+from trunk_experiments.study.study import parse_study
 from trunk_experiments.study.sweep import SweepJob, processes
 
 STUDY = """

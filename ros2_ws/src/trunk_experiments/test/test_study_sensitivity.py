@@ -7,9 +7,9 @@ import pytest
 
 from trunk_experiments.errors import StudyError
 from trunk_experiments.study.compare import FELL
-from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.results import METRICS
 from trunk_experiments.study.sensitivity import check_sensitivity, sensitivities, total_runs
+from trunk_experiments.study.study import parse_study
 
 STUDY = """
 scenario: fig6

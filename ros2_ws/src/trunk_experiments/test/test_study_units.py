@@ -8,8 +8,8 @@ import math
 import pytest
 
 from trunk_experiments.errors import StudyError
-from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.rows import identity, make_bases
+from trunk_experiments.study.study import parse_study
 
 HEAD = """
 scenario: fig8

@@ -14,9 +14,9 @@ from trunk_experiments.analysis.run_table import recorded_metrics
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import verify
 from trunk_experiments.study.compare import distributions, falls, worst_runs
-from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.report import make_report, render
 from trunk_experiments.study.results import METRICS, Results
+from trunk_experiments.study.study import parse_study
 from trunk_experiments.study.sweep import SweepJob, processes
 
 STUDY = """

@@ -15,9 +15,8 @@ from trunk_experiments.errors import StudyError, SweepError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.study.file import parse_study, read_study, shipped_studies
 from trunk_experiments.study.rows import make_bases, plan_of
-from trunk_experiments.study.study import design
+from trunk_experiments.study.study import design, parse_study, read_study, shipped_studies
 from trunk_experiments.study.sweep import METRICS, SweepJob, processes, run_block
 
 STUDY = """

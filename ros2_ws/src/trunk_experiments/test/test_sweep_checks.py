@@ -7,8 +7,8 @@ from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
 from trunk_experiments.errors import StudyError
-from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.rows import make_bases
+from trunk_experiments.study.study import parse_study
 
 HEAD = "scenario: fig6\nrate: 200\nduration: 0.5\ncontrollers: [pid]\n"
 DELAY = "vary:\n  delay: {parameter: simulator.sensor.delay, values: [0.0, 0.01]}\n"

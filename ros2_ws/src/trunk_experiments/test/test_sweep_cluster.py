@@ -14,7 +14,7 @@ import pytest
 
 from trunk_experiments.errors import StudyError
 from trunk_experiments.study import sweep as sweep_cluster
-from trunk_experiments.study.file import parse_study
+from trunk_experiments.study.study import parse_study
 from trunk_experiments.study.sweep import SweepJob, dask_runner, processes
 
 distributed = pytest.importorskip("distributed")

@@ -15,10 +15,9 @@ from trunk_experiments.errors import StudyError, SweepError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.study import study as design
 from trunk_experiments.study import sweep as module
-from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.map import panels
 from trunk_experiments.study.results import Results
-from trunk_experiments.study.study import Distribution
+from trunk_experiments.study.study import Distribution, parse_study
 from trunk_experiments.study.sweep import SweepJob, processes, run_block
 from trunk_msgs_util import compiled
 from trunk_msgs_util.parameters.declarations import values_of

@@ -13,9 +13,8 @@ from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.live.parameters import planned_names, with_numbers
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.study.file import read_study
 from trunk_experiments.study.rows import make_bases, plan_of
-from trunk_experiments.study.study import design
+from trunk_experiments.study.study import design, read_study
 from trunk_msgs_util.parameters.csv_parameters import listed
 from trunk_msgs_util.parameters.declarations import (
     ParameterError,

@@ -12,7 +12,7 @@ import pytest
 from trunk_experiments.batch import workers
 from trunk_experiments.errors import SweepError
 from trunk_experiments.study import sweep as module
-from trunk_experiments.study.file import parse_study
+from trunk_experiments.study.study import parse_study
 from trunk_experiments.study.sweep import SweepJob, processes
 
 STUDY = """

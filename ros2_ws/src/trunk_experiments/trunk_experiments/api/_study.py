@@ -148,14 +148,14 @@ def study(
 
 def read_study(name: AnyPath) -> Study:
     """Return the study in a YAML file, given by its path or as one of `studies`. Raises StudyError."""
-    from ..study.file import read_study as read
+    from ..study.study import read_study as read
 
     return Study(read(str(path_of(name, "study"))))
 
 
 def _parsed(tree: Mapping[str, Any]) -> StudySpec:
     """Return the study that a file's content describes, checked as every study is."""
-    from ..study.file import parse_study
+    from ..study.study import parse_study
 
     try:
         text = dump(dict(tree), allow_unicode=True)

@@ -211,7 +211,7 @@ def controllers() -> dict[str, str]:
 
 def studies() -> dict[str, str]:
     """Return the shipped studies by name, with a line about each."""
-    from ..study.file import shipped_studies
+    from ..study.study import shipped_studies
 
     return {name: _first_line(path) for name, path in shipped_studies().items()}
 

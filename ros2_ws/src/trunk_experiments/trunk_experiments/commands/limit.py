@@ -288,10 +288,9 @@ def _study(
 ) -> None:  # fmt: skip
     import numpy as np
 
-    from ..study.file import read_study
     from ..study.limit import condition_lines, conditions_of, survival
     from ..study.rows import make_bases
-    from ..study.study import Target
+    from ..study.study import Target, read_study
 
     if output is not None:
         from ..views.plots import SUFFIXES
@@ -299,8 +298,7 @@ def _study(
         check_output(output, tuple(SUFFIXES), force, [name])
     study = read_study(name)
     node, _, parameter = vary.partition(".")
-    base = next(iter(make_bases(study).values()))
-    plan = RunPlan(**{**vars(base.plan), "disturbance": base.disturbance})
+    plan = next(iter(make_bases(study).values()))
     bounds, unit = _range(plan.configs, vary, low, high)
     drawn = {str(target) for variable in study.variables for target in variable.targets}
     conditions = conditions_of(plan, {vary, *drawn})

@@ -210,7 +210,7 @@ def parameter_files(as_json: bool) -> None:
 @json_option("list-files-1")
 def studies(as_json: bool) -> None:
     """List the shipped studies."""
-    from ..study.file import shipped_studies
+    from ..study.study import shipped_studies
 
     _files(shipped_studies(), as_json)
 

@@ -112,7 +112,7 @@ def parameter_files() -> Iterable[str]:
 
 def studies() -> Iterable[str]:
     """Return the shipped studies."""
-    from ..study.file import shipped_studies
+    from ..study.study import shipped_studies
 
     return shipped_studies()
 

@@ -244,6 +244,7 @@ def make_plan(
     below: Mapping[str, object] | None = None,
     external: str | None = None,
     pushes: Sequence[str] = (),
+    quiet: bool = False,
 ) -> RunPlan:
     """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
 
@@ -256,6 +257,7 @@ def make_plan(
     ``external``: instead of a controller of ours, somebody else's node gives the commands; the run goes by
     this name, or, if empty, by the node's own.
     ``pushes``: pulses on top of the disturbances, as `pushes.parse_push` reads them.
+    ``quiet``: the disturbance stays in the plan even if it does nothing, for those who change its values.
     ``others``: nodes that ``settings`` may name besides those of this run. ``source`` names
     ``everywhere`` in messages.
     Raises PlanError, ParameterFileError or ParameterError, each one line that says what to do.
@@ -314,7 +316,7 @@ def make_plan(
         )
         for node, times in {**turns, **dict.fromkeys(standby, ())}.items()
     }
-    return _checked(
+    plan = _checked(
         RunPlan(
             scenario=name,
             simulator=with_values(
@@ -340,6 +342,7 @@ def make_plan(
         {node: configuration.with_units for node, configuration in resolved.items()},
         standby,
     )
+    return with_values(plan, disturbance=disturbance) if quiet else plan
 
 
 def check_rates(plan: RunPlan) -> None:

@@ -19,8 +19,8 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..analysis.metrics import QUANTITIES
 from ..errors import StudyError
-from .file import shown
 from .results import METRICS, Results
+from .study import shown
 
 CONFIDENCE = 0.95
 RESAMPLES = 5000

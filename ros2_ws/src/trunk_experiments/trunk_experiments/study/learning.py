@@ -6,26 +6,24 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache, lru_cache
+from functools import lru_cache
 from math import inf, nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cma
 import numpy as np
 
-from trunk_msgs_util.parameters.declarations import Value, build, values_of
+from trunk_msgs_util.parameters.declarations import Value, checked
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..batch.block import RunSummary, summaries
-from ..batch.compiled_run import Batch
 from ..batch.workers import worker_pool
 from ..errors import RunError, StudyError
-from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 from ..tuning.search import Space, space_of
 from .compare import Estimate, MeanDifference, difference_of, wilson
 from .results import FALLEN_DEG
-from .rows import Bases, make_bases, plan_of
+from .rows import Bases, make_bases, plan_of, rows_of, shared_batch
 from .study import StudySpec, design
 
 _SPREAD = 0.25  # of the search's first candidates, in widths of the space
@@ -48,16 +46,12 @@ class Draws(NamedTuple):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Draws) and self.study == other.study
 
-    def plans(self, label: str) -> tuple[RunPlan, ...]:
-        """Return a contender's plans, in the order of the draws."""
-        return _plans(self, label)
-
 
 @lru_cache(maxsize=8)
 def _plans(draws: Draws, label: str) -> tuple[RunPlan, ...]:
+    """Return a contender's plans, in the order of the draws."""
     study, bases = draws
-    columns = design(study, 0, study.total)
-    rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
+    rows = rows_of(design(study, 0, study.total))
     return tuple(plan_of(study, bases, row) for row in rows if row["controller"] == label)
 
 
@@ -125,7 +119,7 @@ def learn(
             f"another seed than {study.seed}"
         )
     draws = Draws(study, make_bases(study))
-    plan = next(base.plan for (name, _), base in draws.bases.items() if name == label)
+    plan = next(base for (name, _), base in draws.bases.items() if name == label)
     space = space_of(plan.controller_name, plan.controller)
     start = DrawnRuns(label, outcome(draws, label, {}, metric))
     if np.isnan(start.mean):
@@ -206,20 +200,11 @@ def cost(metric: Floats, fall: float) -> float:
 
 def outcome(draws: Draws, label: str, values: Values, metric: str) -> Floats:
     """Return a contender's metric in each run, with some parameters changed. Raises ParameterError."""
-    configs: dict[Any, Any] = {}
-    changed = []
-    for plan in draws.plans(label):
-        before = plan.controller
-        if before not in configs:
-            kind = NODES[plan.controller_name].config
-            configs[before] = build(kind, {**values_of(before), **values}) if values else before
-        changed.append(plan.with_controller(configs[before]))
-    return np.array([_metric(summary, metric) for summary in summaries(changed, _batch())])
-
-
-@cache
-def _batch() -> Batch:
-    return Batch()
+    plans = _plans(draws, label)
+    if values:
+        configs = {c: replace(c, **checked(type(c), values)) for c in {p.controller for p in plans}}
+        plans = tuple(plan.with_controller(configs[plan.controller]) for plan in plans)
+    return np.array([_metric(summary, metric) for summary in summaries(plans, shared_batch())])
 
 
 def _metric(summary: RunSummary, name: str) -> float:

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.units import seconds
 
 from ..batch.block import RunSummary, summaries
@@ -19,7 +18,7 @@ from ..errors import PlanError, StudyError
 from ..plans.plan import RunPlan
 from ..plans.pushes import UNITS, Push
 from .compare import Estimate, wilson
-from .rows import make_bases, plan_of
+from .rows import make_bases, outcomes, rows_of
 from .study import StudySpec, Target, Variable, design
 
 PlanAt = Callable[[float], RunPlan]
@@ -189,24 +188,17 @@ def survival(
     )
     bases = make_bases(varied)
     counts: dict[str, dict[float, list[int]]] = {}
-    batch = Batch()
     for first in range(0, varied.total, study.block):
         columns = design(varied, first, min(first + study.block, varied.total))
-        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-        plans: list[tuple[dict[str, Any], RunPlan]] = []
-        for row in rows:
-            try:
-                plans.append((row, plan_of(varied, bases, row)))
-            except (ParameterError, PlanError) as error:
-                raise StudyError(f"{study.source}: run {row['run']}: {error}") from None
-        runs = summaries((plan for _, plan in plans), batch)
-        for (row, plan), run in zip(plans, runs, strict=True):
-            if run.refused:
+        for row, (plan, run) in zip(
+            rows_of(columns), outcomes(varied, bases, columns), strict=True
+        ):
+            if plan is None or run.refused:
                 raise StudyError(f"{study.source}: run {row['run']}: {run.refused}")
             count = counts.setdefault(row["controller"], {}).setdefault(row[name], [0, 0])
             count[0] += stood(run, plan)
             count[1] += 1
-        progress(len(rows))
+        progress(len(columns["run"]))
     return {
         controller: Survival(
             tuple(of_value),

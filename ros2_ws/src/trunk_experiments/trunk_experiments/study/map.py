@@ -29,10 +29,9 @@ from ..errors import PlanError, StudyError, SweepError
 from ..plans.plan import RunPlan
 from ..tuning.floquet import floquet, prepared
 from ..views.plots import COLORS, STYLE, line_style, with_unit
-from .file import shown_unit
 from .results import METRICS, Results
-from .rows import plan_of
-from .study import Scalar, StudySpec, Variable, design
+from .rows import plan_of, rows_of
+from .study import Scalar, StudySpec, Variable, design, shown_unit
 
 if TYPE_CHECKING:
     from .limit import Survival
@@ -129,14 +128,12 @@ def _growth(results: Results, axes: Sequence[str], progress: Progress) -> Mappin
     """Return each controller's Floquet growth over the grid, at the first draw of all other variables."""
     study = results.study
     bases = results.bases()
-    columns = design(study, 0, study.total)
     grids: dict[str, Floats] = {}
     places: list[tuple[str, int, int]] = []
     plans: list[RunPlan] = []
     seen = set()
     levels = [np.unique(results.column(axis)).tolist() for axis in axes]
-    for values in zip(*columns.values(), strict=True):
-        row = dict(zip(columns, values, strict=True))
+    for row in rows_of(design(study, 0, study.total)):
         place = (row["controller"], *(row[axis] for axis in axes))
         if place in seen:
             continue

@@ -99,10 +99,9 @@ def sensitivities(
     Raises StudyError as `check_sensitivity` does, and for a combination of values that is refused.
     """
     check_sensitivity(study, n, metrics)
-    rows = _rows(study, n)
     done, of = 0, total_runs(study, n)
     tables: dict[int, pa.Table] = {}
-    for index, table in runner(_blocks(study, bases, rows)):
+    for index, table in runner(_blocks(study, bases, _columns(study, n))):
         tables[index] = table
         done += len(table)
         progress(done, of)
@@ -116,8 +115,8 @@ def sensitivities(
     ]
 
 
-def _rows(study: StudySpec, n: int) -> list[dict[str, Any]]:
-    """Return the rows of all runs: for each controller the matrices A, B, and A with each column of B."""
+def _columns(study: StudySpec, n: int) -> dict[str, list[Any]]:
+    """Return the columns of all runs: for each controller the matrices A, B, and A with each column of B."""
     names = [v.name for v in _drawn(study)]
     u = qmc.Sobol(2 * len(names), rng=np.random.default_rng(_SEED)).random(n)
     u = np.minimum(u, _BELOW_1)
@@ -127,35 +126,21 @@ def _rows(study: StudySpec, n: int) -> list[dict[str, Any]]:
         mixed = a.copy()
         mixed[:, i] = b[:, i]
         points.append(mixed)
-    drawn = _values(study, np.concatenate(points))
-    first = {name: values[0] for name, values in design(study, 0, 1).items()}
-    count = len(points) * n
-    return [
-        {
-            **first,
-            **{name: values[i] for name, values in drawn.items()},
-            "run": k * count + i,
-            "controller": contender.label,
-        }
-        for k, contender in enumerate(study.contenders)
-        for i in range(count)
-    ]
-
-
-def _values(study: StudySpec, points: Floats) -> dict[str, list[Any]]:
-    """Return each drawn entry's values at some fractions [runs, entries] of its distribution."""
-    values = {}
-    for v, u in zip(_drawn(study), points.T, strict=True):
+    count, controllers = len(points) * n, len(study.contenders)
+    columns = {name: values * count * controllers for name, values in design(study, 0, 1).items()}
+    for v, u in zip(_drawn(study), np.concatenate(points).T, strict=True):
         assert v.distribution is not None
-        values[v.name] = v.distribution.at(u)
-    return values
+        columns[v.name] = v.distribution.at(u) * controllers
+    columns["run"] = list(range(count * controllers))
+    columns["controller"] = [c.label for c in study.contenders for _ in range(count)]
+    return columns
 
 
-def _blocks(study: StudySpec, bases: Bases, rows: list[dict[str, Any]]) -> Iterator[RunBlock]:
-    for index, first in enumerate(range(0, len(rows), study.block)):
-        block_rows = rows[first : first + study.block]
-        columns = {name: [row[name] for row in block_rows] for name in block_rows[0]}
-        yield RunBlock(index, study, bases, columns, "")
+def _blocks(study: StudySpec, bases: Bases, columns: dict[str, list[Any]]) -> Iterator[RunBlock]:
+    for index, first in enumerate(range(0, len(columns["run"]), study.block)):
+        rows = slice(first, first + study.block)
+        part = {name: values[rows] for name, values in columns.items()}
+        yield RunBlock(index, study, bases, part, "")
 
 
 def _check_all_ran(study: StudySpec, table: pa.Table) -> None:

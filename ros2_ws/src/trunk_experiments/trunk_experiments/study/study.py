@@ -1,4 +1,7 @@
-"""A study: which runs a sweep makes, a table of one row each. `file` reads one, `rows` makes its plans.
+"""A study: which runs a sweep makes, a table of one row each, and its file. `rows` makes its plans.
+
+The file is strictly checked YAML, each mistake one line; docs/sweep.md describes it. A number may have a
+unit: one of those of the parameters that its entry varies.
 
 Row = ((grid point) x runs + draw) x controllers + controller: what is drawn, seeds included, depends
 only on the draw, so that all controllers and all grid points meet the same conditions. Draws are seeded,
@@ -9,18 +12,29 @@ become values by functions of our own (`elementary`, `normal`): a study draws th
 from __future__ import annotations
 
 import hashlib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from math import inf
+from importlib.resources import files
+from math import degrees, inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from trunk_msgs_util.elementary import exp, log
 from trunk_msgs_util.normal import probability_below, quantile
+from trunk_msgs_util.parameters.declarations import UnitError, declarations, looks_like_quantity
+from trunk_msgs_util.parameters.to_si import read_quantity, units_of
 from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.text import shortened
+from trunk_msgs_util.yaml_text import YamlTextError, load
 
-from ..errors import DrawError
+from ..errors import DrawError, StudyError, did_you_mean
+from ..plans.nodes import CONTROLLERS, NODES
 
 Scalar = bool | int | float | str
 HOWS = ("value", "factor", "offset")
@@ -115,8 +129,13 @@ class Target:
         """Return the name of the node in a contender's runs."""
         return contender.node if self.node == "controller" else self.node
 
+    @property
+    def parameter(self) -> str:
+        """The name with the index: ``initial.position[1]``."""
+        return self.name if self.index is None else f"{self.name}[{self.index}]"
+
     def __str__(self) -> str:
-        return f"{self.node}.{self.name}" + ("" if self.index is None else f"[{self.index}]")
+        return f"{self.node}.{self.parameter}"
 
 
 @dataclass(frozen=True)
@@ -195,9 +214,14 @@ def design(study: StudySpec, first: int, last: int) -> dict[str, list[Any]]:
         "seed": [drawn[""][i] if study.runs > 1 else None for i in draw],
     }
     for v in study.variables:
-        chosen = v.values if v.distribution is None else drawn[v.name]
+        chosen = chosen_values(study, v)
         columns[v.name] = [chosen[i] for i in at.get(v.name, draw)]
     return columns
+
+
+def chosen_values(study: StudySpec, v: Variable) -> Sequence[Any]:
+    """Return a variable's given values, or those drawn."""
+    return v.values if v.distribution is None else drawn_values(study)[v.name]
 
 
 @lru_cache(maxsize=1)
@@ -209,3 +233,318 @@ def drawn_values(study: StudySpec) -> dict[str, list[Any]]:
         if v.distribution is not None
     }
     return {**values, "": stream(study.seed, "").integers(2**31, size=study.runs).tolist()}
+
+
+_UNIT = re.compile(r"[-+.\d]+(?:[eE][-+]?\d+)?\s*(\D.*)")
+Units = tuple[tuple[str, ...], ...]  # a number has to fit each inner tuple, by any one of its units
+
+
+def shipped_studies() -> dict[str, Path]:
+    """Return the shipped studies by bare name."""
+    folder = Path(str(files("trunk_experiments"))) / "studies"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def read_study(name: str) -> StudySpec:
+    """Return the study of a file, by path or shipped name. Raises StudyError."""
+    shipped = shipped_studies()
+    path = shipped.get(name, Path(name))
+    if not path.is_file():
+        raise StudyError(
+            f"no study {name!r}: there is no such file: give one, or one of {', '.join(shipped)}"
+            f"{did_you_mean(name, shipped)}"
+        )
+    try:
+        return parse_study(path.read_text(encoding="utf-8"), str(path))
+    except UnicodeDecodeError:
+        raise StudyError(f"{path}: not a text file; give a study in YAML") from None
+
+
+def parse_study(text: str, source: str) -> StudySpec:
+    """Return the study in a file's text. Raises StudyError naming the source, the place, what is allowed."""
+    try:
+        tree = load(text)
+    except YamlTextError as error:
+        raise StudyError(f"{source}: {error}") from None
+    return _Reader(source).study(tree, text)
+
+
+class _Reader:
+    """Turns a YAML tree into a study. All methods raise StudyError, which names file and place."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+
+    def error(self, place: str, message: str) -> StudyError:
+        return StudyError(f"{self.source}: {place}: {message}")
+
+    def mapping(self, value: object, place: str, known: tuple[str, ...] = ()) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            raise self.error(place, f"is {_quoted(value)}: a mapping is needed")
+        for key in value:
+            if known and key not in known:
+                raise self.error(place, f"unknown key {key!r}: one of {', '.join(known)}")
+        return value
+
+    def text(self, value: object, place: str, choices: tuple[str, ...] = ()) -> str:
+        if not isinstance(value, str) or (choices and value not in choices):
+            raise self.error(
+                place, f"is {_quoted(value)}: {', '.join(choices) or 'text'} is needed"
+            )
+        return value
+
+    def texts(self, value: object, place: str) -> tuple[str, ...]:
+        items = [value] if isinstance(value, str) else value
+        if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
+            raise self.error(place, f"is {_quoted(value)}: a list of strings is needed")
+        return tuple(items)
+
+    def number(self, value: object, place: str, units: Units = ()) -> float:
+        if units and isinstance(value, str) and looks_like_quantity(value):
+            try:
+                value = number_of(value, units)
+            except UnitError as error:
+                raise self.error(place, f"is {_quoted(value)}: {error}") from None
+        if isinstance(value, str) and re.fullmatch(r"[-+.\deE]+", value):
+            with suppress(ValueError):
+                value = float(value)  # "1e-3" is a number to the user, but not to YAML 1.1
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise self.error(place, f"is {_quoted(value)}: a finite number is needed")
+        return float(value)
+
+    def integer(self, value: object, place: str, low: int, high: int) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self.error(
+                place, f"is {_quoted(value)}: a whole number from {low} to {high} is needed"
+            )
+        return value
+
+    def optional(self, entries: Mapping[str, Any], key: str, unit: str) -> float | None:
+        if key not in entries:
+            return None
+        value = self.number(entries[key], key, ((unit,),))
+        if value <= 0.0:
+            raise self.error(key, f"is {value:g}: a number > 0 is needed")
+        return value
+
+    def scalars(self, values: list[object], place: str, units: Units = ()) -> tuple[Scalar, ...]:
+        scalars = tuple(self.scalar(value, place, units) for value in values)
+        kinds = {type(value) if isinstance(value, bool | str) else float for value in scalars}
+        if len(kinds) > 1:
+            raise self.error(
+                place, f"is {_quoted(values)}: all numbers, all strings or all bools are needed"
+            )
+        return scalars
+
+    def scalar(self, value: object, place: str, units: Units) -> Scalar:
+        if isinstance(value, bool | int):
+            return value
+        quantity = units and isinstance(value, str) and looks_like_quantity(value)
+        plain = r"[-+]?[\d.]+[eE][-+]?\d+"
+        if isinstance(value, str) and not quantity and not re.fullmatch(plain, value):
+            return value
+        return self.number(value, place, units)
+
+    def study(self, tree: object, text: str) -> StudySpec:
+        known = ("scenario", "controllers", "params", "set", "rate", "duration")
+        entries = self.mapping(tree, "the file", (*known, "runs", "seed", "block", "vary"))
+        for key in ("scenario", "controllers", "vary"):
+            if key not in entries:
+                raise self.error(key, "missing: every study needs it")
+        contenders = self.contenders(entries["controllers"])
+        study = StudySpec(
+            source=self.source,
+            text=text,
+            scenario=self.text(entries["scenario"], "scenario"),
+            contenders=contenders,
+            variables=tuple(
+                self.variable(str(name), entry, contenders)
+                for name, entry in self.mapping(entries["vary"], "vary").items()
+            ),
+            params=self.texts(entries.get("params", []), "params"),
+            settings=self.settings(entries.get("set", {}), "set"),
+            rate=self.optional(entries, "rate", "Hz"),
+            duration=self.optional(entries, "duration", "s"),
+            runs=self.integer(entries.get("runs", 1), "runs", 1, 10_000_000),
+            seed=self.integer(entries.get("seed", 1), "seed", 0, 2**31 - 1),
+            block=self.integer(entries.get("block", StudySpec.block), "block", 1, 100_000),
+        )
+        if study.total > MAX_RUNS:
+            raise self.error("vary", f"{study.total} runs in all: at most {MAX_RUNS} are allowed")
+        return study
+
+    def settings(self, value: object, place: str) -> tuple[str, ...]:
+        entries = self.mapping(value, place)
+        return tuple(
+            f"{name}={yaml.safe_dump(v, default_flow_style=True).removesuffix('...' + chr(10)).strip()}"
+            for name, v in entries.items()
+        )
+
+    def contenders(self, value: object) -> tuple[ContenderSpec, ...]:
+        entries = dict.fromkeys(value) if isinstance(value, list) else value
+        by_label = self.mapping(entries, "controllers")
+        if not by_label:
+            raise self.error("controllers", f"is empty: name some of {', '.join(CONTROLLERS)}")
+        contenders = []
+        for label, entry in by_label.items():
+            place = f"controllers.{label}"
+            options = self.mapping(entry or {}, place, ("node", "params", "set"))
+            contenders.append(
+                ContenderSpec(
+                    str(label),
+                    self.text(options.get("node", label), place, CONTROLLERS),
+                    self.texts(options.get("params", []), f"{place}.params"),
+                    self.settings(options.get("set", {}), f"{place}.set"),
+                )
+            )
+        return tuple(contenders)
+
+    def variable(self, name: str, entry: object, contenders: tuple[ContenderSpec, ...]) -> Variable:
+        place = f"vary.{name}"
+        if not re.fullmatch(r"[A-Za-z]\w*", name) or name in RESERVED:
+            raise self.error(
+                place,
+                f"is not a column name: letters, digits, _, and none of {', '.join(RESERVED)}",
+            )
+        if not isinstance(entry, dict) or "parameter" not in entry:
+            raise self.error(place, "needs a parameter: NODE.PARAM, or a list of them")
+        targets = tuple(self.target(t, place) for t in self.texts(entry["parameter"], place))
+        how = self.text(entry.get("as", "value"), f"{place}.as", HOWS)
+        rest = {key: value for key, value in entry.items() if key not in ("parameter", "as")}
+        units = units_for(targets, how, contenders)
+        written = written_in(rest) if units else ()
+        if "distribution" in rest:
+            drawn = self.distribution(rest, place, units)
+            return Variable(name, targets, how, distribution=drawn, written=written)
+        return Variable(name, targets, how, self.values(rest, place, units), written=written)
+
+    def target(self, text: str, place: str) -> Target:
+        nodes = ("simulator", "disturbance", "controller", *CONTROLLERS)
+        match = re.fullmatch(r"(\w+)\.([\w.]+?)(?:\[(\d+)\])?", text)
+        if match is None or match[1] not in nodes:
+            raise self.error(
+                place,
+                f"parameter {text!r}: NODE.PARAM or NODE.PARAM[INDEX] is needed, NODE one of "
+                f"{', '.join(nodes)}",
+            )
+        return Target(match[1], match[2], None if match[3] is None else int(match[3]))
+
+    def values(self, entry: dict[str, Any], place: str, units: Units) -> tuple[Scalar, ...]:
+        if "values" in entry:
+            self.mapping(entry, place, ("values",))
+            values = entry["values"]
+            if not isinstance(values, list) or not values:
+                raise self.error(f"{place}.values", f"is {_quoted(values)}: a list is needed")
+            return self.scalars(values, f"{place}.values", units)
+        self.mapping(entry, place, ("values", "distribution", "from", "to", "steps", "spacing"))
+        for key in ("from", "to", "steps"):
+            if key not in entry:
+                raise self.error(place, "needs values, or from, to and steps, or a distribution")
+        low, high = (self.number(entry[key], f"{place}.{key}", units) for key in ("from", "to"))
+        steps = self.integer(entry["steps"], f"{place}.steps", 1, 1_000_000)
+        if self.text(entry.get("spacing", "linear"), f"{place}.spacing", SPACINGS) == "linear":
+            return tuple(np.linspace(low, high, steps).tolist())
+        if low <= 0.0 or high <= 0.0:
+            raise self.error(place, f"spacing log from {low:g} to {high:g}: both must be > 0")
+        return tuple(np.geomspace(low, high, steps).tolist())
+
+    def distribution(self, entry: dict[str, Any], place: str, units: Units) -> Distribution:
+        kind = self.text(
+            entry["distribution"], f"{place}.distribution", tuple(sorted(DISTRIBUTIONS))
+        )
+        needed, optional = DISTRIBUTIONS[kind]
+        self.mapping(entry, place, ("distribution", *needed, *optional))
+        for key in needed:
+            if key not in entry:
+                raise self.error(place, f"distribution {kind}: {key} is missing")
+        choices = entry.get("values", [])
+        if not isinstance(choices, list) or ("values" in needed and not choices):
+            raise self.error(f"{place}.values", f"is {_quoted(choices)}: a list is needed")
+        numbers = {
+            key: self.number(entry[key], f"{place}.{key}", units)
+            for key in (*needed, *optional)
+            if key in entry and key != "values"
+        }
+        try:
+            return Distribution(kind, self.scalars(choices, f"{place}.values", units), **numbers)
+        except DrawError as error:
+            raise self.error(place, f"distribution {kind}: {error}") from None
+
+
+def _quoted(value: object) -> str:
+    """Return a value as an error quotes it."""
+    return shortened(repr(value), 60)
+
+
+def units_for(targets: Sequence[Target], how: str, contenders: Sequence[ContenderSpec]) -> Units:
+    """Return the units of an entry's numbers; none where a parameter is no double.
+
+    A factor has no unit. Which unit counts where another parameter chooses it, `check_units` says.
+    """
+    units: dict[tuple[str, ...], None] = {}
+    for target in targets:
+        for node in {target.node_with(contender): None for contender in contenders}:
+            declared = declarations(NODES[node].config).get(target.name)
+            if declared is None:  # refused later, by name
+                continue
+            if not declared.kind.startswith("double"):
+                return ()
+            elements = units_of(declared)
+            units[elements[min(target.index or 0, len(elements) - 1)]] = None
+    return (("",),) if how == "factor" else tuple(units)
+
+
+def written_in(entry: Mapping[str, object]) -> tuple[str, ...]:
+    """Return the numbers with units in an entry's values, as written."""
+    items = [
+        item for value in entry.values() for item in (value if isinstance(value, list) else [value])
+    ]
+    return tuple(item for item in items if isinstance(item, str) and looks_like_quantity(item))
+
+
+def number_of(text: str, units: Units) -> float:
+    """Return a number with a unit in SI units. Raises UnitError unless it fits all of ``units``."""
+    numbers = [read_quantity(text, *allowed) for allowed in units]
+    return numbers[0]
+
+
+def shown_unit(study: StudySpec, v: Variable) -> tuple[str, float]:
+    """Return the unit in which a variable's numbers are shown, and what its SI numbers are multiplied by.
+
+    It is the one of the entry's first number that has one, else the parameter's, angles in degrees; empty
+    where several are possible.
+    """
+    if v.how == "factor":
+        return "factor", 1.0
+    allowed = {unit for units in units_for(v.targets, v.how, study.contenders) for unit in units}
+    if len(allowed) > 1:  # another parameter chooses
+        chosen = {unit for target in v.targets for unit in _chosen(study, target)}
+        allowed = chosen if len(chosen) == 1 else allowed
+    typed = _UNIT.sub(r"\1", v.written[0]) if v.written else ""
+    for unit in allowed if typed else ():
+        with suppress(UnitError):
+            scale = 1.0 / read_quantity(f"1 {typed}", unit)
+            return (unit if scale == 1.0 else "°" if unit == "rad" else typed), scale
+    if allowed == {"rad"}:
+        return "°", degrees(1.0)
+    return (min(allowed), 1.0) if len(allowed) == 1 else ("", 1.0)
+
+
+def shown(study: StudySpec, name: str, value: object) -> str:
+    """Return one of a study's numbers with the unit in which it is shown; anything else as it is."""
+    if not isinstance(value, float | int) or isinstance(value, bool):
+        return str(value)
+    unit, scale = shown_unit(study, next(v for v in study.variables if v.name == name))
+    number = f"{value * scale:.6g}"
+    return number + unit if unit == "°" else f"{number} {unit}".replace(" factor", " times").strip()
+
+
+def _chosen(study: StudySpec, target: Target) -> Iterable[str]:
+    """Yield the unit that a study's own settings choose for a parameter."""
+    declared = (
+        declarations(NODES[target.node].config).get(target.name) if target.node in NODES else None
+    )
+    for text in study.settings if declared and declared.unit_by else ():
+        name, _, value = text.partition("=")
+        if declared and name == f"{target.node}.{declared.unit_by}":
+            yield from units_of(declared, {declared.unit_by: value})[0]

@@ -25,17 +25,13 @@ import pyarrow.parquet as pq
 from trunk_control.laws import law_named
 from trunk_msgs_util.compiled import fingerprint
 from trunk_msgs_util.files import atomic_write
-from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import ARITHMETIC, OF_MACHINE, gather, packages_of_laws
 
 from ..analysis.metrics import RunMetrics
-from ..batch.block import summaries
-from ..batch.compiled_run import Batch
 from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
-from ..errors import PlanError, StudyError, SweepError
+from ..errors import StudyError, SweepError
 from ..plans.nodes import CONTROLLERS
-from ..plans.plan import RunPlan
-from .rows import Bases, difference, digest, identity, make_bases, plan_of, plans_json
+from .rows import Bases, difference, digest, identity, make_bases, outcomes, plans_json
 from .study import StudySpec, design
 
 METRICS = tuple(RunMetrics.__dataclass_fields__)
@@ -70,30 +66,17 @@ def sources() -> str:
     return f"{code}-{json.dumps(libraries, sort_keys=True)}"
 
 
-@cache
-def _batch() -> Batch:
-    return Batch()
-
-
 def run_block(block: RunBlock) -> pa.Table:
     """Return a block's rows with their results."""
-    columns = dict(block.columns)
     results: list[dict[str, Any]] = []
-    plans: dict[int, RunPlan] = {}
-    for i, values in enumerate(zip(*columns.values(), strict=True)):
-        results.append({})
-        try:
-            plans[i] = plan_of(block.study, block.bases, dict(zip(columns, values, strict=True)))
-        except (ParameterError, PlanError) as error:
-            results[i] = {"status": "refused", "reason": str(error)}
-    for i, summary in zip(plans, summaries(plans.values(), _batch()), strict=True):
+    for _, summary in outcomes(block.study, block.bases, block.columns):
         if summary.refused:
-            results[i] = {"status": "refused", "reason": summary.refused}
+            results.append({"status": "refused", "reason": summary.refused})
         elif summary.metrics is None:
-            results[i] = {"status": "diverged", "diverged_at_s": summary.diverged_at}
+            results.append({"status": "diverged", "diverged_at_s": summary.diverged_at})
         else:
-            results[i] = {"status": "ok", **summary.metrics.as_dict()}
-    arrays = {name: pa.array(values, _type(name, values)) for name, values in columns.items()}
+            results.append({"status": "ok", **summary.metrics.as_dict()})
+    arrays = {name: pa.array(values, _type(name, values)) for name, values in block.columns.items()}
     for name in ("status", "reason"):
         arrays[name] = pa.array([result.get(name) for result in results], pa.string())
     for name in ("diverged_at_s", *METRICS):
@@ -168,7 +151,7 @@ class SweepJob:
     @property
     def warnings(self) -> list[str]:
         """The warnings of the study's plans, each once."""
-        texts = {text: None for base in self.bases.values() for text in base.plan.warnings}
+        texts = {text: None for plan in self.bases.values() for text in plan.warnings}
         return list(texts)
 
     def waiting(self) -> Iterator[RunBlock]:

@@ -122,8 +122,21 @@ def parameter(
 
 def declarations(config: type[Any]) -> dict[str, Declaration]:
     """Return the declarations of a configuration class by parameter name, in order."""
-    declared = (f.metadata["declaration"] for f in fields(config) if "declaration" in f.metadata)
-    return {declaration.name: declaration for declaration in declared}
+    return {name: declaration for name, (_, declaration) in _fields(config).items()}
+
+
+_FIELDS: dict[type[Any], dict[str, tuple[str, Declaration]]] = {}
+
+
+def _fields(config: type[Any]) -> dict[str, tuple[str, Declaration]]:
+    """Return the fields' names and declarations by parameter name, in order."""
+    if config not in _FIELDS:
+        _FIELDS[config] = {
+            f.metadata["declaration"].name: (f.name, f.metadata["declaration"])
+            for f in fields(config)
+            if "declaration" in f.metadata
+        }
+    return _FIELDS[config]
 
 
 def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
@@ -225,17 +238,26 @@ def build(config: type[Config], values: Mapping[str, object]) -> Config:
     A value may be that of a table's cell (`with_cells`). Raises ParameterError for an unknown name, a bad
     value, or values that do not fit together (checked by the class's ``__post_init__``).
     """
-    declared = declarations(config)
-    values = with_cells(config, values)
+    return config(**checked(config, values))
+
+
+def checked(
+    config: type[Any], values: Mapping[str, object], present: Mapping[str, Value] | None = None
+) -> dict[str, Any]:
+    """Return values, each checked on its own, by the names of the configuration's fields.
+
+    ``present``: the values to which those of a table's cell or an array's element are changes.
+    """
+    values = with_cells(config, values, present)
+    declared = _fields(config)
     for name, value in values.items():
         if name not in declared:
             raise ParameterError(name, value, unknown_name(name, declared))
-    arguments = {
-        f.name: check(f.metadata["declaration"], values[f.metadata["declaration"].name])
-        for f in fields(config)  # type: ignore[arg-type]
-        if "declaration" in f.metadata and f.metadata["declaration"].name in values
+    return {
+        field_name: check(declaration, values[name])
+        for name, (field_name, declaration) in declared.items()
+        if name in values
     }
-    return config(**arguments)
 
 
 def table_of(name: str, declared: Container[str]) -> str:
@@ -315,10 +337,15 @@ def with_cells(
 def values_of(config: Any) -> dict[str, Value]:
     """Return a configuration's values by parameter name, as `build` takes them."""
     return {
-        f.metadata["declaration"].name: getattr(config, f.name)
-        for f in fields(config)
-        if "declaration" in f.metadata
+        name: getattr(config, field_name) for name, (field_name, _) in _fields(type(config)).items()
     }
+
+
+def value_of(config: Any, name: str) -> Any:
+    """Return the value of one parameter, or of an array's element, ARRAY[INDEX]."""
+    whole, _, index = name.removesuffix("]").partition("[")
+    value = getattr(config, _fields(type(config))[whole][0])
+    return value[int(index)] if index else value
 
 
 # Sign, infinity or digits, the digits' exponent, unit.

@@ -100,8 +100,8 @@ def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metri
 
     Raises PlanError before the first run if it cannot give a map.
     """
-    from ...study.file import read_study
     from ...study.map import check_mappable
+    from ...study.study import read_study
     from ...study.sweep import SweepJob
 
     if path.exists():

@@ -50,16 +50,16 @@ def command(study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_j
     First order: the share of a metric's variance due to a parameter alone. Total: its interactions with all
     others included. A run that fell counts as the worst of those that stood; how many fell is shown first.
     """
-    from ...study.file import read_study
     from ...study.rows import make_bases
     from ...study.sensitivity import check_sensitivity, sensitivities, total_runs
+    from ...study.study import read_study
     from ...study.sweep import processes
 
     read = read_study(study)
     wanted = tuple(dict.fromkeys(metrics)) or _METRICS
     check_sensitivity(read, n, wanted)
     bases = make_bases(read)
-    show_warnings(dict.fromkeys(text for base in bases.values() for text in base.plan.warnings))
+    show_warnings(dict.fromkeys(text for base in bases.values() for text in base.warnings))
     runs = total_runs(read, n)
     workers = max(1, min(jobs or len(os.sched_getaffinity(0)), -(-runs // read.block)))
     with progress_bar("runs") as tell:

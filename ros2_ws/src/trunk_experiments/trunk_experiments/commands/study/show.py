@@ -47,8 +47,7 @@ def command(
     """
     from ...console.progress import progress_bar
     from ...console.reading import written_values
-    from ...study.rerun import record_again, study_run
-    from ...study.results import METRICS, Results
+    from ...study.results import METRICS, Results, record_again, study_run
 
     check_output(output, (".mcap",), force, [results])
     if report is not None:
@@ -81,7 +80,7 @@ def command(
         click.echo(f"diverged, as in the sweep: {line_of(diverged)}")
     elif run.fell:
         click.echo("fell, as in the sweep")
-    from ...study.file import shown
+    from ...study.study import shown
 
     study = run.results.study
     drawn = ", ".join(f"{name} {shown(study, name, value)}" for name, value in run.varied.items())

@@ -48,7 +48,7 @@ def command(
     A sweep that was interrupted, even by kill -9, resumes when the same command is given
     again. The same study gives the same file, however it was run.
     """
-    from ...study.file import read_study
+    from ...study.study import read_study
     from ...study.sweep import SweepJob
 
     check_output(output, (".parquet",), force, [study])

@@ -243,8 +243,8 @@ def _learn(
     options: dict[str, Any],
 ) -> None:
     """Search on a study's draws; print and write what it gave, with what it does on other draws."""
-    from ...study.file import read_study
     from ...study.learning import learn
+    from ...study.study import read_study
     from .learned import as_values, show
 
     study = read_study(name)
