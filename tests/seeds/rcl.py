@@ -6,20 +6,509 @@ serialization, quality of service, enumerations) is left to the real library.
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
+from itertools import count
 from types import ModuleType
 from typing import Any
 
-from .base import Context, Node, here, resolve, state, world
-from .endpoints import Header, Publisher, Service, Subscription, services
-from .lifecycle import LifecycleStateMachine
-from .network import Endpoint, Reader, Writer
-from .waiting import Clock, EventHandle, GuardCondition, Timer, WaitSet
+from .network import Endpoint, Quality, Reader, Writer
+from .world import Process, World
 
-__all__ = ["here", "install", "services", "state", "step_clock", "world"]
+# The world that runs, handles, contexts, nodes and names.
+
+_pointers = count(1)
+
+
+class _State:
+    """What the virtual library is built on; one world runs at a time."""
+
+    world: World | None = None
+    real: Any = None
+    stepped_ns = 0
+
+
+state = _State()
+
+
+def world() -> World:
+    """Return the world that runs."""
+    assert state.world is not None
+    return state.world
+
+
+def real() -> Any:
+    """Return the real library."""
+    return state.real
+
+
+def here() -> Process:
+    """Return the process that runs."""
+    assert world().current is not None
+    return world().current
+
+
+class Handle:
+    """What all of the library's objects have."""
+
+    def __init__(self) -> None:
+        self.pointer = next(_pointers)
+        self._destroyed = False
+
+    def __enter__(self) -> Handle:
+        if self._destroyed:
+            raise real().InvalidHandle("destroyed")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def destroy_when_not_in_use(self) -> None:
+        if not self._destroyed:
+            self._destroyed = True
+            self.destroyed()
+
+    def destroyed(self) -> None:
+        """Let go of what it holds."""
+
+
+class Context(Handle):
+    def __init__(self, args: list[str], domain: int) -> None:
+        super().__init__()
+        self._ok = True
+        process = here()
+        process.context = self
+        world().network.joined(process)
+
+    def ok(self) -> bool:
+        return self._ok
+
+    def shutdown(self) -> None:
+        self._ok = False
+
+    def get_domain_id(self) -> int:
+        return 0
+
+
+class Node(Handle):
+    def __init__(self, name: str, namespace: str, *_: Any) -> None:
+        super().__init__()
+        self.name, self.namespace = name, namespace or "/"
+
+    def logger_name(self) -> str:
+        return self.get_fully_qualified_name()[1:].replace("/", ".")
+
+    def get_node_name(self) -> str:
+        return self.name
+
+    def get_namespace(self) -> str:
+        return self.namespace
+
+    def get_fully_qualified_name(self) -> str:
+        return f"{self.namespace.rstrip('/')}/{self.name}"
+
+    def get_parameters(self, parameter: Any) -> dict[str, Any]:
+        """Return the parameters that the command line gives this node."""
+        given = here().parameters.get(self.name, {})
+        found = {
+            name: parameter(name, getattr(parameter.Type, kind), value)
+            for name, (kind, value) in given.items()
+        }
+        found["start_type_description_service"] = parameter(
+            "start_type_description_service", value=False
+        )
+        return found
+
+    def get_count_publishers(self, topic: str) -> int:
+        return len(world().network.known_to(here(), Writer, topic))
+
+    def get_count_subscribers(self, topic: str) -> int:
+        return len(world().network.known_to(here(), Reader, topic))
+
+    def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
+        """Return one entry for each node of each process that is known."""
+        known = {
+            (one.process.number, *one.node)
+            for one in (*world().network.writers, *world().network.readers)
+            if here().number in one.known
+        }
+        return [(name, namespace) for _, name, namespace in sorted(known)]
+
+
+def resolve(node: Node, name: str, only_expand: bool = False, service: bool = False) -> str:
+    """Return a full name, as rcl expands it."""
+    if name.startswith("/"):
+        return name
+    if name.startswith("~"):
+        return node.get_fully_qualified_name() + name[1:]
+    return f"{node.namespace.rstrip('/')}/{name}"
+
+
+def type_name(kind: Any) -> str:
+    return "/".join((*kind.__module__.split(".")[:2], kind.__name__))
+
+
+def quality_of(profile: Any) -> Quality:
+    told = profile.to_dict()
+    return Quality(int(told["reliability"]), int(told["durability"]), int(told["depth"]))
+
+
+# Publishers, subscriptions and services.
+
+_SIZES = {"boolean": 1, "octet": 1, "char": 1, "uint8": 1, "int8": 1, "uint16": 2, "int16": 2,
+          "uint32": 4, "int32": 4, "float": 4, "uint64": 8, "int64": 8, "double": 8}  # fmt: skip
+_ARRAY = re.compile(r"(.*)\[(\d+)\]")
+
+
+def wire_size(message: Any) -> int:
+    """Return the length of a message in CDR, with the four bytes of encapsulation.
+
+    rclpy's own ``serialize_message`` may return more than that: what follows the message has no meaning, and
+    no fixed bytes.
+    """
+    return 4 + _message(0, message)
+
+
+def _message(at: int, message: Any) -> int:
+    for name, kind in message.get_fields_and_field_types().items():
+        at = _value(at, kind, getattr(message, name))
+    return at
+
+
+def _value(at: int, kind: str, value: Any) -> int:
+    if kind.startswith("sequence<"):
+        inner = kind[len("sequence<") : -1].partition(",")[0]
+        at = _aligned(at, 4) + 4
+        return _many(at, inner, value)
+    if fixed := _ARRAY.fullmatch(kind):
+        return _many(at, fixed[1], value)
+    if kind.startswith("string"):
+        return _aligned(at, 4) + 4 + len(value.encode()) + 1
+    if kind in _SIZES:
+        return _aligned(at, _SIZES[kind]) + _SIZES[kind]
+    return _message(at, value)
+
+
+def _many(at: int, kind: str, values: Any) -> int:
+    if kind in _SIZES:
+        return _aligned(at, _SIZES[kind]) + _SIZES[kind] * len(values) if len(values) else at
+    for value in values:
+        at = _value(at, kind, value)
+    return at
+
+
+def _aligned(at: int, to: int) -> int:
+    return -(-at // to) * to
+
+
+class _Side(Handle):
+    """A publisher or a subscription."""
+
+    def __init__(
+        self, join: Callable[..., Any], node: Node, kind: Any, topic: str, profile: Any
+    ) -> None:
+        super().__init__()
+        name = resolve(node, topic)
+        given = here(), (node.name, node.namespace), name, type_name(kind), quality_of(profile)
+        self.endpoint: Any = join(*given)
+
+    def get_topic_name(self) -> str:
+        return str(self.endpoint.topic)
+
+    def get_logger_name(self) -> str:
+        return str(self.endpoint.node[0])
+
+    def destroyed(self) -> None:
+        world().network.remove(self.endpoint)
+
+
+class Publisher(_Side):
+    def __init__(self, node: Node, kind: Any, topic: str, profile: Any) -> None:
+        super().__init__(world().network.writer, node, kind, topic, profile)
+        self.writer: Writer = self.endpoint
+
+    def publish(self, message: Any) -> None:
+        data = real().rclpy_serialize(message, type(message))
+        self.publish_raw(data[: wire_size(message)])
+
+    def publish_raw(self, data: bytes) -> None:
+        world().network.publish(self.writer, bytes(data))
+
+    def get_subscription_count(self) -> int:
+        return len(self.writer.matched)
+
+    def wait_for_all_acked(self, duration: Any) -> bool:
+        """Let others run until all is received, or for the duration."""
+        end_ns = world().now_ns + int(duration.nanoseconds)
+        while not world().network.acknowledged(self.writer) and world().now_ns < end_ns:
+            world().block(
+                end_ns - world().now_ns, lambda: world().network.acknowledged(self.writer)
+            )
+        return world().network.acknowledged(self.writer)
+
+
+class Subscription(_Side):
+    def __init__(self, node: Node, kind: Any, topic: str, profile: Any) -> None:
+        super().__init__(world().network.reader, node, kind, topic, profile)
+        self.reader: Reader = self.endpoint
+
+    def take_message(self, kind: Any, raw: bool) -> tuple[Any, dict[str, int]] | None:
+        """Return the oldest message and what is known of it, or None."""
+        if not self.reader.queue:
+            return None
+        message = self.reader.queue.popleft()
+        world().note("take", self.reader.process.name, self.reader.topic, message.number)
+        data = message.data if raw else real().rclpy_deserialize(message.data, kind)
+        info = {
+            "source_timestamp": message.source_ns,
+            "received_timestamp": world().now_ns,
+            "publication_sequence_number": message.number,
+            "reception_sequence_number": None,
+        }
+        return data, info  # type: ignore[return-value]
+
+    def get_publisher_count(self) -> int:
+        return len(self.reader.publishers)
+
+
+class Service(Handle):
+    """A service whose requests come from the test itself."""
+
+    def __init__(self, node: Node, kind: Any, name: str, profile: Any) -> None:
+        super().__init__()
+        self.name = resolve(node, name)
+        self.kind, self.process = kind, here()
+        self.qos = {"depth": 10}
+        self.requests: deque[tuple[Any, Callable[[Any], None]]] = deque()
+        services.setdefault(self.name, []).append(self)
+
+    def service_take_request(self, kind: Any) -> tuple[Any, Any] | tuple[None, None]:
+        if not self.requests:
+            return None, None
+        request, answer = self.requests.popleft()
+        return request, Header(answer)
+
+    def service_send_response(self, response: Any, request_id: Header) -> None:
+        request_id.answer(response)
+
+    def get_logger_name(self) -> str:
+        return self.name
+
+    def destroyed(self) -> None:
+        services[self.name].remove(self)
+
+
+class Header:
+    """Whose request it is."""
+
+    def __init__(self, answer: Callable[[Any], None]) -> None:
+        self.answer = answer
+        self.request_id = self
+
+
+services: dict[str, list[Service]] = {}
+
+
+# Clocks, timers, guard conditions and wait sets.
+
+
+class Clock(Handle):
+    def __init__(self, clock_type: Any) -> None:
+        super().__init__()
+        self._type = int(clock_type)
+
+    def get_now(self) -> Any:
+        return real().rcl_time_point_t(world().look(), self._type)
+
+    def get_ros_time_override_is_enabled(self) -> bool:
+        return False
+
+    def add_clock_callback(self, *_: Any) -> None:
+        """Take a callback that no jump of time calls."""
+
+    set_ros_time_override_is_enabled = set_ros_time_override = add_clock_callback
+    remove_clock_callback = add_clock_callback
+
+
+class Timer(Handle):
+    def __init__(self, clock: Clock, context: Context, period_ns: int, autostart: bool) -> None:
+        super().__init__()
+        self.period_ns, self.canceled = int(period_ns), not autostart
+        self.due_ns = world().now_ns + self.period_ns
+
+    def is_timer_ready(self) -> bool:
+        return not self.canceled and world().now_ns >= self.due_ns
+
+    def call_timer(self) -> None:
+        if self._destroyed:
+            raise real().InvalidHandle("destroyed")
+        self.due_ns += self.period_ns
+        if self.due_ns < world().now_ns:  # what was missed is missed
+            behind = (world().now_ns - self.due_ns) // max(self.period_ns, 1) + 1
+            self.due_ns += behind * self.period_ns
+
+    def cancel_timer(self) -> None:
+        self.canceled = True
+
+    def reset_timer(self) -> None:
+        self.canceled = False
+        self.due_ns = world().now_ns + self.period_ns
+
+    def is_timer_canceled(self) -> bool:
+        return self.canceled
+
+    def change_timer_period(self, period_ns: int) -> None:
+        self.period_ns = int(period_ns)
+
+    def get_timer_period(self) -> int:
+        return self.period_ns
+
+    def time_until_next_call(self) -> int:
+        return self.due_ns - world().now_ns
+
+
+class GuardCondition(Handle):
+    def __init__(self, context: Context) -> None:
+        super().__init__()
+        self.triggered = False
+
+    def trigger_guard_condition(self) -> None:
+        self.triggered = True
+
+
+class EventHandle(Handle):
+    """An event of the middleware; none happens here."""
+
+    def __init__(self, parent: Handle, kind: Any) -> None:
+        super().__init__()
+
+
+class WaitSet(Handle):
+    def __init__(self, *_: Any) -> None:
+        super().__init__()
+        self._kinds: dict[str, list[Any]] = {}
+        self._ready: dict[str, list[int]] = {}
+
+    def clear_entities(self) -> None:
+        self._kinds = {
+            kind: [] for kind in ("subscription", "timer", "guard_condition", "service", "client")
+        }
+
+    def _add(self, kind: str, one: Handle) -> int:
+        with one:
+            self._kinds[kind].append(one)
+        return len(self._kinds[kind]) - 1
+
+    def add_subscription(self, one: Handle) -> int:
+        return self._add("subscription", one)
+
+    def add_timer(self, one: Handle) -> int:
+        return self._add("timer", one)
+
+    def add_guard_condition(self, one: Handle) -> int:
+        return self._add("guard_condition", one)
+
+    def add_service(self, one: Handle) -> int:
+        return self._add("service", one)
+
+    def add_event(self, one: Handle) -> int:
+        return 0
+
+    def is_ready(self, kind: str, index: int) -> bool:
+        return False
+
+    def _look(self) -> dict[str, list[int]]:
+        kinds = self._kinds
+        return {
+            "subscription": [s.pointer for s in kinds["subscription"] if s.reader.queue],
+            "timer": [t.pointer for t in kinds["timer"] if t.is_timer_ready()],
+            "guard_condition": [g.pointer for g in kinds["guard_condition"] if g.triggered],
+            "service": [s.pointer for s in kinds["service"] if s.requests],
+            "client": [],
+        }
+
+    def wait(self, limit_ns: int) -> None:
+        """Wait until something is ready, or for a time; below 0 for ever."""
+        found = self._look()
+        if limit_ns and not any(found.values()):
+            left = [t.time_until_next_call() for t in self._kinds["timer"] if not t.canceled]
+            if left:
+                soonest = max(min(left), 1)
+                limit_ns = soonest if limit_ns < 0 else min(limit_ns, soonest)
+            world().block(limit_ns, lambda: any(self._look().values()))
+            found = self._look()
+        for guard in self._kinds["guard_condition"]:
+            guard.triggered = False
+        self._ready = found
+
+    def get_ready_entities(self, kind: str) -> list[int]:
+        return self._ready.get(kind, [])
+
+
+# ROS 2's lifecycle.
+
+_STATES = {1: "unconfigured", 2: "inactive", 3: "active", 4: "finalized", 10: "configuring",
+           11: "cleaningup", 12: "shuttingdown", 13: "activating", 14: "deactivating",
+           15: "errorprocessing"}  # fmt: skip
+# (state, transition's id, label, next state), as ROS 2's design has them.
+_GRAPH = [
+    (1, 1, "configure", 10), (2, 2, "cleanup", 11), (2, 3, "activate", 13),
+    (3, 4, "deactivate", 14), (1, 5, "shutdown", 12), (2, 6, "shutdown", 12),
+    (3, 7, "shutdown", 12),
+    *((state, 10 * state + i, f"transition_{word}", then)
+      for state, ends in ((10, (2, 1, 15)), (11, (1, 2, 15)), (12, (4, 4, 15)),
+                          (13, (3, 2, 15)), (14, (2, 3, 15)), (15, (1, 4, 4)))
+      for i, (word, then) in enumerate(zip(("success", "failure", "error"), ends, strict=True))),
+]  # fmt: skip
+
+
+class LifecycleStateMachine(Handle):
+    def __init__(self, node: Node, communicates: bool) -> None:
+        super().__init__()
+        self.initialized = True
+        self._state = 1
+        for name in ("change_state", "get_state", "get_available_states",
+                     "get_available_transitions", "get_transition_graph"):  # fmt: skip
+            setattr(self, f"service_{name}", Service(node, None, f"~/{name}", None))
+
+    @property
+    def current_state(self) -> tuple[int, str]:
+        return self._state, _STATES[self._state]
+
+    @property
+    def available_states(self) -> list[tuple[int, str]]:
+        return list(_STATES.items())
+
+    @property
+    def transition_graph(self) -> list[tuple[int, str, int, str, int, str]]:
+        return [(number, label, a, _STATES[a], b, _STATES[b]) for a, number, label, b in _GRAPH]
+
+    @property
+    def available_transitions(self) -> list[tuple[int, str, int, str, int, str]]:
+        return [one for one in self.transition_graph if one[2] == self._state]
+
+    def get_transition_by_label(self, label: str) -> int:
+        for number, known, *_ in self.available_transitions:
+            if known == label:
+                return number
+        raise real().RCLError(f"no transition {label!r} from {_STATES[self._state]}")
+
+    def trigger_transition_by_id(self, number: int, publish: bool) -> None:
+        for known, _, _, _, after, _ in self.available_transitions:
+            if known == number:
+                self._state = after
+                return
+        raise real().RCLError(f"no transition {number} from {_STATES[self._state]}")
+
+    def trigger_transition_by_label(self, label: str, publish: bool) -> None:
+        self.trigger_transition_by_id(self.get_transition_by_label(label), publish)
+
+
+# The library.
 
 
 def _infos(node: Node, topic: str, kind: type[Endpoint]) -> list[dict[str, Any]]:
