@@ -66,7 +66,7 @@ def command(
     show_warnings(plan.warnings)
     rows = plan_margins(plan)
     if output is not None:
-        from ..tuning.loop_plot import draw
+        from ..tuning.margins import draw
         from ..views.plots import save
 
         rate_text = f"{plan.controller.update_rate:g} Hz"

@@ -181,23 +181,18 @@ def distributions(
 
     ``done`` is called after each of them.
     """
-    stood = {name: _standing(results.of(name)) for name in results.controllers}
+    every = {name: results.of(name) for name in results.controllers}
+    stood = {name: runs.only(runs.fallen == 0.0) for name, runs in every.items()}
     by_metric: dict[str, list[MetricDistribution]] = {metric: [] for metric in metrics}
-    for metric, name in product(metrics, stood):
-        by_metric[metric].append(_distribution(metric, stood[name], name))
+    for metric, (name, runs) in product(metrics, stood.items()):
+        values = runs.judged(metric)
+        values = values[~np.isnan(values)]
+        estimates = mean_and_median(values)
+        by_metric[metric].append(
+            MetricDistribution(metric, name, len(runs.table), values, *estimates)
+        )
         done()
     return by_metric
-
-
-def _standing(results: Results) -> Results:
-    return results.only(results.fallen == 0.0)
-
-
-def _distribution(metric: str, results: Results, controller: str) -> MetricDistribution:
-    values = results.judged(metric)
-    values = values[~np.isnan(values)]
-    mean, median = mean_and_median(values)
-    return MetricDistribution(metric, controller, len(results.table), values, mean, median)
 
 
 def bins_of(spreads: list[MetricDistribution]) -> Floats | None:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import cma
 import numpy as np
 
-from trunk_msgs_util.parameters.declarations import Value, checked
+from trunk_msgs_util.parameters.declarations import Value, changed
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..batch.block import RunSummary, summaries
@@ -202,7 +202,7 @@ def outcome(draws: Draws, label: str, values: Values, metric: str) -> Floats:
     """Return a contender's metric in each run, with some parameters changed. Raises ParameterError."""
     plans = _plans(draws, label)
     if values:
-        configs = {c: replace(c, **checked(type(c), values)) for c in {p.controller for p in plans}}
+        configs = {c: changed(c, values) for c in {p.controller for p in plans}}
         plans = tuple(plan.with_controller(configs[plan.controller]) for plan in plans)
     return np.array([_metric(summary, metric) for summary in summaries(plans, shared_batch())])
 

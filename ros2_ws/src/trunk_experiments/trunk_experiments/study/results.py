@@ -27,6 +27,7 @@ from ..replay.bits import same, ulps
 from ..runs.offline_recording import Progress, record_offline
 from .rows import Bases, bases_from, plan_of
 from .study import StudySpec, design, parse_study
+from .sweep import sources
 
 FALLEN_DEG = 90.0  # a trunk this far from the vertical has fallen
 METRICS = tuple(RunMetrics.__dataclass_fields__)
@@ -343,8 +344,6 @@ def _outcome(path: Path, diverged: DivergedError | None) -> dict[str, Any]:
 
 def _why(results: Results) -> str:
     """Return the likely reason why the bits differ, and what to do."""
-    from .sweep import sources
-
     swept = (results.table.schema.metadata or {}).get(b"sources", b"").decode()
     if swept != sources():
         return "it was swept by other code, libraries or arithmetic: sweep the study again here"

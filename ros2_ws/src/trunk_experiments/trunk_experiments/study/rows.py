@@ -23,6 +23,7 @@ from trunk_msgs_util.parameters.declarations import (
     ParameterError,
     UnitError,
     build,
+    changed,
     checked,
     declarations,
     table_of,
@@ -107,7 +108,7 @@ def plan_of(study: StudySpec, bases: Bases, row: Row) -> RunPlan:
             changes[node] |= _change(v, target, configs[node], changes[node], row[v.name])
     for node, values in changes.items():
         if values:
-            configs[node] = _changed(configs[node], values)
+            configs[node] = changed(configs[node], values)
     disturbance = configs["disturbance"]
     return replace(
         base,
@@ -126,11 +127,6 @@ def _change(
         old = changes.get(name, value_of(config, name))
         value = old * value if v.how == "factor" else old + value
     return {name: value}
-
-
-def _changed(config: Any, changes: Mapping[str, Any]) -> Any:
-    """Return a configuration with some changes. Raises ParameterError."""
-    return replace(config, **checked(type(config), changes, values_of(config)))
 
 
 def structural(study: StudySpec) -> list[Variable]:
@@ -252,14 +248,14 @@ def check_target(
         for value in values:
             change = _change(v, target, config, {}, value)
             if table:  # only the whole knows its labels
-                _changed(config, change)
+                changed(config, change)
             else:
                 checked(type(config), change, values_of(config))
     except ParameterError as error:
         raise mistake(study, v, f"{contender.label}: {target}: {error}") from None
     if (node, target.name) == ("simulator", "duration"):
         for simulator, value in product((base.simulator for base in bases), values):
-            duration = _changed(simulator, _change(v, target, simulator, {}, value)).duration
+            duration = changed(simulator, _change(v, target, simulator, {}, value)).duration
             if wrong := wrong_duration(duration, simulator.update_rate):
                 raise mistake(study, v, f"{target}: {wrong}")
 

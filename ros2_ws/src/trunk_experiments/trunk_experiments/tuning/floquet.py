@@ -51,16 +51,6 @@ class SampledLoop(NamedTuple):
     control_period_ns: int
 
 
-class Workspace(NamedTuple):
-    """Arrays that the linearisation works in: compiled code allocates nothing."""
-
-    z: Floats
-    above: Floats
-    below: Floats
-    jacobian: Floats
-    new: Floats
-
-
 class Floquet(NamedTuple):
     """Multipliers over one period; ``growth`` is the largest modulus, per second: unstable above 1."""
 
@@ -74,9 +64,9 @@ def monodromy_of(update: Update) -> Callable[..., int]:
     """Return a function that linearises a loop with this law's update over one period."""
 
     def sample(
-        z: Floats, x: float, v: float, due: bool, s: SampledLoop, constants: Any, out: Floats
-    ) -> None:
-        """Write the loop's state one period after ``z``: `_INPUTS` numbers in, `_OUTPUTS` out."""
+        z: Floats, x: float, v: float, due: bool, s: SampledLoop, constants: Any
+    ) -> tuple[float, ...]:
+        """Return the loop's state one period after ``z``: `_INPUTS` numbers in, `_OUTPUTS` out."""
         memory = PidState(z[4], z[5], z[6], z[7], z[8], True)
         measured = sense(PlantState(x, z[2], v, z[3]), _QUIET, 0.0, 0.0, _SENSOR)
         if due:
@@ -86,12 +76,11 @@ def monodromy_of(update: Update) -> Callable[..., int]:
             memory, _ = update(memory, read, constants, s.limits)
         before = PlantStatus(PlantState(x, z[0], v, z[1]), z[9], False, False)
         trunk = act(before, memory.effort, _QUIET, s.plant)
-        state = trunk.state
-        out[0], out[1], out[2], out[3] = state.theta, state.theta_dot, memory.integral, memory.error
+        theta, rate = trunk.state.theta, trunk.state.theta_dot
         if trunk.diverged:
-            out[0], out[1] = nan, nan
-        out[4], out[5], out[6] = memory.measurement, memory.derivative, memory.effort
-        out[7] = trunk.effort
+            theta, rate = nan, nan
+        kept = memory.integral, memory.error, memory.measurement, memory.derivative, memory.effort
+        return (theta, rate, *kept, trunk.effort)
 
     def monodromy_loop(
         v: float,
@@ -101,23 +90,25 @@ def monodromy_of(update: Update) -> Callable[..., int]:
         constants: Any,
         now: Floats,
         past: Floats,
-        workspace: Workspace,
+        z: Floats,
+        jacobian: Floats,
+        new: Floats,
     ) -> int:
         """Multiply the linearised samples of one period onto ``now`` [8, n] and ``past`` [d, 2, n].
 
         ``past`` holds angle and rate of the last d samples in a ring. Returns the slot of the oldest.
+        The last three are arrays to work in: compiled code allocates nothing.
         """
         size = now.shape[1]
         delay = past.shape[0]
-        z, above, below, jacobian, new = workspace
         slot = 0
         for k in range(steps):
             x = v * seconds(k * s.period_ns)
             for column in range(_INPUTS):
                 z[column] = _STEP
-                sample(z, x, v, k % every == 0, s, constants, above)
+                above = sample(z, x, v, k % every == 0, s, constants)
                 z[column] = -_STEP
-                sample(z, x, v, k % every == 0, s, constants, below)
+                below = sample(z, x, v, k % every == 0, s, constants)
                 z[column] = 0.0
                 for row in range(_OUTPUTS):
                     jacobian[row, column] = (above[row] - below[row]) / (2.0 * _STEP)
@@ -144,25 +135,10 @@ def monodromy_of(update: Update) -> Callable[..., int]:
     return monodromy_loop
 
 
-def workspace_of(size: int) -> Workspace:
-    """Return the arrays for a loop with this many states."""
-    return Workspace(
-        np.zeros(_INPUTS),
-        np.zeros(_OUTPUTS),
-        np.zeros(_OUTPUTS),
-        np.zeros((_OUTPUTS, _INPUTS)),
-        np.zeros((_OUTPUTS, size)),
-    )
-
-
 @cache
-def _plain(controller: str) -> Callable[..., int]:
-    return monodromy_of(law_named(controller).update)
-
-
-@cache
-def _compiled(controller: str) -> Callable[..., int]:
-    return compiled(monodromy_of(law_named(controller).update))
+def _monodromy(controller: str, fast: bool) -> Callable[..., int]:
+    function = monodromy_of(law_named(controller).update)
+    return compiled(function) if fast else function
 
 
 class Prepared(NamedTuple):
@@ -222,10 +198,9 @@ def floquet(plan: RunPlan) -> Floquet:
     now = np.ascontiguousarray(identity[:_OUTPUTS])
     past = np.ascontiguousarray(identity[_OUTPUTS:].reshape(delay, 2, size))
     constants = tuple(with_arrays(part) for part in given)
-    worthwhile = steps >= WORTH_COMPILING
-    slot = (_compiled if worthwhile else _plain)(controller)(
-        speed, steps, every, loop, constants, now, past, workspace_of(size)
-    )
+    work = np.zeros(_INPUTS), np.zeros((_OUTPUTS, _INPUTS)), np.zeros((_OUTPUTS, size))
+    monodromy = _monodromy(controller, steps >= WORTH_COMPILING)
+    slot = monodromy(speed, steps, every, loop, constants, now, past, *work)
     matrix = np.vstack([now, np.roll(past, -slot, axis=0).reshape(2 * delay, size)])
     period = seconds(steps * loop.period_ns)
     if not np.all(np.isfinite(matrix)):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import count
 from math import inf, log10
 from typing import Any, NamedTuple
 
@@ -12,13 +14,18 @@ from scipy.optimize import differential_evolution
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.rule_tables import Axes
-from trunk_msgs_util.parameters.declarations import Value, build, declarations, values_of
+from trunk_msgs_util.parameters.declarations import (
+    Value,
+    changed,
+    declarations,
+    value_of,
+    values_of,
+)
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..batch.block import wrong_duration
 from ..batch.compiled_run import Batch
 from ..errors import PlanError
-from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 
 FAILED = 1e9  # cost of a run that diverges or lacks the metric
@@ -42,15 +49,16 @@ class Space(NamedTuple):
     values: Callable[[Floats], dict[str, Value]]
 
 
+def _powers(names: Sequence[str], exponents: Floats) -> dict[str, Value]:
+    """Return numbers as powers of ten."""
+    return {name: float(10.0**x) for name, x in zip(names, exponents, strict=True)}
+
+
 def gains_space(config: Any) -> Space:
     """Return the gains p, i, d from a tenth to ten times the current ones, as powers of ten."""
-    now = [max(float(values_of(config)[f"gains.{name}"]), 1e-3) for name in "pid"]  # type: ignore[arg-type]
-    start = [log10(value) for value in now]
-
-    def values(x: Floats) -> dict[str, Value]:
-        return {f"gains.{name}": float(10.0**v) for name, v in zip("pid", x, strict=True)}
-
-    return Space([(s - 1.0, s + 1.0) for s in start], [False] * 3, start, values)
+    names = ("gains.p", "gains.i", "gains.d")
+    start = [log10(max(value_of(config, name), 1e-3)) for name in names]
+    return Space([(s - 1.0, s + 1.0) for s in start], [False] * 3, start, partial(_powers, names))
 
 
 def own_space(config: Any) -> Space:
@@ -58,32 +66,25 @@ def own_space(config: Any) -> Space:
 
     Raises PlanError for a law without numbers that may change.
     """
-    shared, now = declarations(ControllerConfig), values_of(config)
+    shared, own = declarations(ControllerConfig), declarations(type(config))
     names = [
         name
-        for name, declared in declarations(type(config)).items()
-        if name not in shared
-        and not declared.fixed
-        and isinstance(now[name], float)
-        and float(now[name]) > 0.0  # type: ignore[arg-type]
+        for name, now in values_of(config).items()
+        if name not in shared and not own[name].fixed and isinstance(now, float) and now > 0.0
     ]
     if not names:
         raise PlanError(
             f"{type(config).__name__} has no number above 0 that may change: there is nothing to search"
         )
-    start = [log10(float(now[name])) for name in names]  # type: ignore[arg-type]
+    start = [log10(value_of(config, name)) for name in names]
     bounds = []
     for name, middle in zip(names, start, strict=True):
-        declared = declarations(type(config))[name]
+        declared = own[name]
         lowest = declared.above if declared.minimum is None else declared.minimum
         low = log10(lowest * 1.001) if lowest is not None and lowest > 0.0 else -inf
         high = log10(declared.maximum) if declared.maximum is not None else inf
         bounds.append((max(middle - 1.0, low), min(middle + 1.0, high)))
-
-    def values(x: Floats) -> dict[str, Value]:
-        return {name: float(10.0**v) for name, v in zip(names, x, strict=True)}
-
-    return Space(bounds, [False] * len(names), start, values)
+    return Space(bounds, [False] * len(names), start, partial(_powers, names))
 
 
 def space_of(controller: str, config: Any) -> Space:
@@ -99,10 +100,9 @@ def fuzzy_space(config: FuzzyPidConfig) -> Space:
     A quarter of each table defines it; its cells are the labels. Raises PlanError for a table with numbers in
     its cells.
     """
-    now = values_of(config)
     names: tuple[str, ...] = ("gains.p_min", "gains.p_max", "gains.d_min", "gains.d_max")
     names += ("fuzzy.error_range", "fuzzy.rate_range")
-    start = [log10(float(now[name])) for name in names]  # type: ignore[arg-type]
+    start = [log10(value_of(config, name)) for name in names]
     bounds = [(s - 0.5, s + 0.5) for s in start]
     rows, columns = ((len(labels) + 1) // 2 for labels in config.axes)
     labels_of: dict[str, tuple[str, ...]] = {}
@@ -119,9 +119,7 @@ def fuzzy_space(config: FuzzyPidConfig) -> Space:
         bounds += [(0.0, len(labels) - 1.0)] * len(quarter)
 
     def values(x: Floats) -> dict[str, Value]:
-        parameters: dict[str, Value] = {
-            name: float(10.0**v) for name, v in zip(names, x[: len(names)], strict=True)
-        }
+        parameters = _powers(names, x[: len(names)])
         for low, high in (("gains.p_min", "gains.p_max"), ("gains.d_min", "gains.d_max")):
             pair: list[Any] = sorted([parameters[low], parameters[high]])
             parameters[low], parameters[high] = pair
@@ -158,9 +156,7 @@ def search(
         wrong = wrong_duration(plan.simulator.duration, plan.simulator.update_rate)
         if wrong:
             raise PlanError(f"{plan.scenario}: {wrong}")
-    first = plans[0]
-    kind = NODES[first.controller_name].config
-    space = space_of(first.controller_name, first.controller)
+    space = space_of(plans[0].controller_name, plans[0].controller)
     batch = Batch()
     runs = 0
 
@@ -170,18 +166,16 @@ def search(
         total = 0.0
         for plan in plans:
             runs += 1
-            tried = build(kind, {**values_of(plan.controller), **values})
+            tried = changed(plan.controller, values)
             outcome = batch.run(plan.with_controller(tried)).metrics()
             value = None if outcome is None else getattr(outcome, metric)
             total += FAILED if value is None else abs(float(value))
         return total / len(plans)
 
-    generation = 0
+    generations_done = count(1)
 
     def heard(x: Floats, convergence: float = 0.0) -> None:
-        nonlocal generation
-        generation += 1
-        progress(generation, cost(x))
+        progress(next(generations_done), cost(x))
 
     start = np.array(space.start)
     start_cost = cost(start)

@@ -11,7 +11,7 @@ import math
 import re
 from array import array
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from typing import Any, TypeVar
 
@@ -239,6 +239,12 @@ def build(config: type[Config], values: Mapping[str, object]) -> Config:
     value, or values that do not fit together (checked by the class's ``__post_init__``).
     """
     return config(**checked(config, values))
+
+
+def changed(config: Config, values: Mapping[str, object]) -> Config:
+    """Return the configuration with other values of some parameters. Raises as `build` does."""
+    new: Config = replace(config, **checked(type(config), values, values_of(config)))  # type: ignore[type-var]
+    return new
 
 
 def checked(

@@ -9,7 +9,7 @@ import click
 from trunk_control.pid_family import Gains
 from trunk_control.rule_base import RuleBaseConfig
 from trunk_control.rule_tables import is_table
-from trunk_msgs_util.parameters.declarations import Value, build, values_of
+from trunk_msgs_util.parameters.declarations import Value, changed, values_of
 from trunk_msgs_util.parameters.files import write
 
 from ...analysis.parameter_text import change_grid, differing_texts, value_text
@@ -17,7 +17,6 @@ from ...console.document import write_json
 from ...console.tables import print_table
 from ...console.terminal import show_warnings
 from ...errors import PlanError
-from ...plans.nodes import NODES
 from ...plans.plan import RunPlan
 from ..margins import margin_warnings, print_margins
 
@@ -50,7 +49,7 @@ def finish_values(
     from ...tuning.margins import plan_margins
 
     name = plan.controller_name
-    config = build(NODES[name].config, {**values_of(plan.controller), **values})
+    config = changed(plan.controller, values)
     tuned = plan.with_controller(config)
     try:
         margins = plan_margins(tuned)
