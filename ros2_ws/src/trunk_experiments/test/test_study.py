@@ -1,10 +1,18 @@
-"""A study's mistakes: each gives one line with file, place, value and what is allowed."""
+"""A study's file: numbers, units, draws; a mistake gives one line: file, place, value, what is allowed.
+
+``trunk sweep --check`` refuses what ``trunk sweep`` refuses, with the same message, before any run.
+"""
 
 from __future__ import annotations
 
+import json
+import math
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from trunk_experiments.cli import trunk
 from trunk_experiments.errors import StudyError
 from trunk_experiments.study.rows import identity, make_bases
 from trunk_experiments.study.study import Distribution, parse_study, read_study
@@ -184,3 +192,235 @@ def test_draws(drawn):
     middle = 3.5 if drawn.kind == "integers" else middle
     share = np.mean(np.array(values) < middle)
     assert 0.46 < share < 0.54
+
+
+UNITS = """
+scenario: fig8
+rate: 0.5 kHz
+duration: 500 ms
+controllers: [pid, fuzzy_pid]
+set: {disturbance.pulse.duration: 100 ms}
+vary:
+"""
+TIME = "  delay: {parameter: simulator.sensor.delay, %s}\n"
+SIZE = "  size: {parameter: disturbance.pulse.magnitude, values: [50 N]}\n"
+
+
+def study_of(entry):
+    study = parse_study(UNITS + entry, "study.yaml")
+    return study, make_bases(study)
+
+
+def test_rate_duration_and_settings_take_units():
+    study, bases = study_of(TIME % "values: [0.0]")
+    assert (study.rate, study.duration) == (500.0, 0.5)
+    assert all(base.disturbance.pulse_duration == 0.1 for base in bases.values())
+
+
+@pytest.mark.parametrize(
+    ("entry", "values"),
+    [
+        (TIME % "values: [0, 10 ms, 0.02]", (0, 0.01, 0.02)),
+        (TIME % "from: 0 ms, to: 100 ms, steps: 3", (0.0, 0.05, 0.1)),
+        ("  p: {parameter: pid.gains.p, as: factor, values: [80%, 1.2]}\n", (0.8, 1.2)),
+        (
+            "  p: {parameter: [pid.gains.p, fuzzy_pid.gains.p_max], as: offset, values: [5 Nm/rad]}\n",
+            (5.0,),
+        ),
+        (
+            "  angle: {parameter: 'simulator.initial.position[1]', values: [10 deg]}\n",
+            (math.radians(10.0),),
+        ),
+        (
+            "  size: {parameter: disturbance.pulse.magnitude, values: [100 deg]}\n",
+            (math.radians(100.0),),
+        ),
+    ],
+)
+def test_a_grid_takes_units(entry, values):
+    study, _ = study_of(entry)
+    assert study.variables[0].values == values
+
+
+def test_a_distribution_takes_units():
+    study, _ = study_of(TIME % "distribution: normal, mean: 20 ms, std: 5ms, low: 0, high: 1e3 us")
+    drawn = study.variables[0].distribution
+    assert (drawn.mean, drawn.std, drawn.low, drawn.high) == (0.02, 0.005, 0.0, 0.001)
+    study, _ = study_of(TIME % "distribution: choice, values: [1 ms, 0.002]")
+    assert study.variables[0].distribution.values == (0.001, 0.002)
+
+
+def test_the_channel_of_a_disturbance_chooses_the_unit():
+    says = r"'50 N' is not allowed where pulse\.channel is {}: it is a force; {} is needed"
+    with pytest.raises(StudyError, match=says.format("trunk_position", "an angle in rad")):
+        study_of(SIZE)
+    where = "  where: {parameter: disturbance.pulse.channel, values: [%s]}\n"
+    study_of(SIZE + where % "hip_effort")
+    with pytest.raises(StudyError, match=says.format("trunk_effort", "a torque in N m")):
+        study_of(SIZE + where % "hip_effort, trunk_effort")
+
+
+@pytest.mark.parametrize(
+    ("entry", "says"),
+    [
+        (TIME % "values: [5 kg]", "vary.delay.values: is '5 kg': it is a mass; a time in s"),
+        (TIME % "from: 0, to: 5 m, steps: 2", "vary.delay.to: is '5 m': it is a length; a time"),
+        (TIME % "as: factor, values: [5 ms]", "is '5 ms': it is a time; a plain number is needed"),
+        (
+            TIME % "distribution: uniform, low: 0 sec, high: 1",
+            "vary.delay.low: is '0 sec': there is no unit 'sec' (did you mean 's'?); a time in s",
+        ),
+        (
+            "  both: {parameter: [pid.gains.p, simulator.sensor.delay], values: [5 ms]}\n",
+            "is '5 ms': it is a time; a quantity in N m/rad is needed",
+        ),
+        (
+            "  one: {parameter: 'simulator.initial.position[0]', values: [5 deg]}\n",
+            "is '5 deg': it is an angle; a length in m is needed",
+        ),
+        (
+            "  mode: {parameter: simulator.hip.mode, values: [5 m]}\n",
+            "'5 m' is not allowed: string, one of passive, prescribed",
+        ),
+        (
+            "  p: {parameter: controller.gains.p, values: [5 N m/rad]}\n",
+            "fuzzy_pid: controller.gains.p: no such parameter",
+        ),
+        (
+            "  e: {parameter: simulator.max_effort, values: [inf N m]}\n",
+            "is inf: a finite number is needed",
+        ),
+    ],
+)
+def test_a_wrong_unit_names_file_entry_value_and_what_is_allowed(entry, says):
+    with pytest.raises(StudyError) as caught:
+        study_of(entry)
+    assert str(caught.value).startswith("study.yaml: ")
+    assert says in str(caught.value)
+
+
+def test_how_a_number_is_written_does_not_change_the_study():
+    """Blocks of an interrupted sweep stay usable."""
+    with_units, plain = (
+        identity(*study_of(TIME % f"values: [{values}]")) for values in ("0.0, 10 ms", "0.0, 0.01")
+    )
+    assert with_units == plain
+    assert "written" not in json.dumps(plain["variables"])
+
+
+SHORT = "scenario: fig6\nrate: 200\nduration: 0.5\ncontrollers: [pid]\n"
+TWICE = "vary:\n  delay: {parameter: simulator.sensor.delay, values: [0.0, 0.01]}\n"
+
+
+def told(*arguments):
+    """Return the exit code and the line that `trunk` ends with."""
+    done = CliRunner().invoke(trunk, [str(argument) for argument in arguments])
+    if done.exit_code == 0:
+        return 0, done.output
+    return done.exit_code, str(done.exception) if done.exit_code == 1 else done.output
+
+
+REFUSED = {
+    "references from nobody": (
+        SHORT + "set: {pid.reference.profile: topic}\n" + TWICE,
+        "pid: pid: reference.profile is 'topic', but nobody publishes references",
+    ),
+    "nobody's turn": (
+        SHORT + "set: {pid.active.times: [0.1]}\n" + TWICE,
+        "pid: active.times: no controller would act at t = 0 s",
+    ),
+    "a run without an end": (
+        SHORT + "vary:\n  t: {parameter: simulator.duration, values: [0.5, 0.0]}\n",
+        "vary.t: simulator.duration: duration is 0 s: a compiled run needs an end",
+    ),
+    "a run that fits no memory": (
+        SHORT.replace("duration: 0.5", "duration: 1.0e+6") + TWICE,
+        "pid: 200000001 states in a run: at most 20000000 are allowed",
+    ),
+    "a drawn run that fits no memory": (
+        SHORT + "vary:\n  t: {parameter: simulator.duration, as: factor, values: [1.0, 1.0e+6]}\n",
+        "vary.t: simulator.duration: 100000001 states in a run: at most",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "line"), REFUSED.values(), ids=REFUSED)
+def test_check_and_sweep_give_the_same_error(tmp_path, text, line):
+    study, output = tmp_path / "study.yaml", tmp_path / "out.parquet"
+    study.write_text(text)
+    checked = told("sweep", study, "-o", output, "--check")
+    assert line in checked[1]
+    assert checked[0] != 0
+    assert told("sweep", study, "-o", output, "--jobs", 1) == checked
+    assert [path.name for path in tmp_path.iterdir()] == ["study.yaml"]
+
+
+def test_check_notices_the_blocks_of_another_study(tmp_path):
+    study, output = tmp_path / "study.yaml", tmp_path / "out.parquet"
+    study.write_text(SHORT + TWICE)
+    (tmp_path / "out.parquet.blocks").mkdir()
+    (tmp_path / "out.parquet.blocks" / "sweep.json").write_text("{}")
+    checked = told("sweep", study, "-o", output, "--check")
+    assert "delete the folder, or give another -o" in checked[1]
+    assert told("sweep", study, "-o", output, "--jobs", 1) == checked
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("none/out.parquet", "there is no folder"),
+        ("out.csv", "the file's name must end in .parquet"),
+        ("there.parquet", "exists: give another name, or --force"),
+        ("study.yaml/out.parquet", "is not a folder"),
+    ],
+)
+def test_an_impossible_output_is_refused_first(tmp_path, name, line):
+    study = tmp_path / "study.yaml"
+    study.write_text(SHORT + TWICE)
+    (tmp_path / "there.parquet").write_text("mine")
+    checked = told("sweep", study, "-o", tmp_path / name, "--check")
+    assert line in checked[1]
+    assert told("sweep", study, "-o", tmp_path / name) == checked
+    assert (tmp_path / "there.parquet").read_text() == "mine"
+
+
+def test_check_writes_nothing(tmp_path):
+    study = tmp_path / "study.yaml"
+    study.write_text(SHORT + TWICE)
+    code, line = told("sweep", study, "-o", tmp_path / "out.parquet", "--check")
+    assert (code, "2 runs in 1 blocks" in line) == (0, True)
+    assert [path.name for path in tmp_path.iterdir()] == ["study.yaml"]
+
+
+NOISE = "simulator:\n  ros__parameters:\n    sensor.position_noise: 0.01\n"
+
+
+def test_noise_in_a_parameter_file_makes_runs_differ(tmp_path):
+    (tmp_path / "mine.yaml").write_text(NOISE)
+    text = SHORT + f"runs: 3\nparams: {tmp_path / 'mine.yaml'}\n" + TWICE
+    assert make_bases(parse_study(text, "study.yaml"))
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        "vary:\n  v: {parameter: simulator.sensor.velocity_noise, values: [0.0, 0.1]}\n",
+        "vary:\n  v: {parameter: disturbance.noise.rms, as: offset, values: [0.1]}\n",
+    ],
+)
+def test_noise_that_varies_makes_runs_differ(entry):
+    assert make_bases(parse_study(SHORT + "runs: 3\n" + entry, "study.yaml"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        SHORT + "runs: 3\nset: {simulator.sensor.position_noise: 0.0}\n" + TWICE,
+        SHORT + "runs: 3\nvary:\n  s: {parameter: simulator.sensor.seed, values: [1, 2]}\n",
+        SHORT
+        + "runs: 3\nvary:\n  n: {parameter: disturbance.noise.rms, as: factor, values: [1.0, 2.0]}\n",
+    ],
+)
+def test_repeats_without_noise_are_refused(text):
+    with pytest.raises(StudyError, match="runs: is 3, but nothing is drawn and there is no noise"):
+        make_bases(parse_study(text, "study.yaml"))
