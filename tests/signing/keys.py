@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cryptography.hazmat.primitives import serialization as s
 
-from trunk_msgs_util.recording.signing.keys import Ed25519PrivateKey, fingerprint
+from trunk_msgs_util.recording.signing import Ed25519PrivateKey, fingerprint
 
 ALICE, MALLORY = (Ed25519PrivateKey.from_private_bytes(bytes([n]) * 32) for n in (1, 2))
 FORMS = {

@@ -23,7 +23,7 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.digests import ATTACHMENTS, DIGESTS
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.signing.signature import sign, to_text
+from trunk_msgs_util.recording.signing import sign, to_text
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 
 from .keys import ALICE, MALLORY, WHO, refused

@@ -9,7 +9,7 @@ import sys
 import pytest
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, NONE, copied
 
-from trunk_msgs_util.recording.signing.keys import fingerprint
+from trunk_msgs_util.recording.signing import fingerprint
 
 from .keys import ALICE, FORMS, MALLORY, WHO, refused, write_key
 

@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.asymmetric import ec, ed448, rsa, x25519
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.recording.signing.keys import (
+from trunk_msgs_util.recording.signing import (
     Ed25519PrivateKey,
     KeyFileError,
     fingerprint,

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.recording.signing.keys import Ed25519PrivateKey, Ed25519PublicKey
-from trunk_msgs_util.recording.signing.signature import (
+from trunk_msgs_util.recording.signing import (
     LIMIT,
+    Ed25519PrivateKey,
+    Ed25519PublicKey,
     Signature,
     SignatureError,
     fits,

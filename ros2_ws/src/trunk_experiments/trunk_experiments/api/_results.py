@@ -127,7 +127,7 @@ def verify(run: Run | AnyPath, *, key: AnyPath | None = None) -> Verification:
 
     Raises RecordingError for a recording that cannot be read, and another `TrunkError` for an invalid key.
     """
-    from trunk_msgs_util.recording.signing.keys import public_key, read_key
+    from trunk_msgs_util.recording.signing import public_key, read_key
 
     from ..replay.signed import judge_signature
     from ..replay.verify import describe, verdict_on

@@ -9,22 +9,20 @@ import click
 
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.signing.keys import (
+from trunk_msgs_util.recording.signing import (
     Ed25519PrivateKey,
     KeyFileError,
+    Signature,
+    SignatureError,
     fingerprint,
     private_key,
     public_key,
-    read_key,
-    write_new_key,
-)
-from trunk_msgs_util.recording.signing.signature import (
-    Signature,
-    SignatureError,
     read,
+    read_key,
     sign,
     signature_path,
     to_text,
+    write_new_key,
 )
 
 from ..console.document import json_option, write_json

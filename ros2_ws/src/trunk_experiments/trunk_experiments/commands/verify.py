@@ -8,7 +8,7 @@ import click
 
 from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.signing.keys import public_key, read_key
+from trunk_msgs_util.recording.signing import public_key, read_key
 from trunk_msgs_util.units import seconds
 
 from ..console.document import json_option, write_json

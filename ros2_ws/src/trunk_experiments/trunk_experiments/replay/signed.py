@@ -6,10 +6,11 @@ import os
 from pathlib import Path
 
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.signing.keys import Ed25519PublicKey, fingerprint
-from trunk_msgs_util.recording.signing.signature import (
+from trunk_msgs_util.recording.signing import (
+    Ed25519PublicKey,
     Signature,
     SignatureError,
+    fingerprint,
     fits,
     read,
     signature_path,
