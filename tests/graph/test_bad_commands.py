@@ -5,7 +5,6 @@ The test is the only controller, so it decides to the bit what acts on the plant
 
 from __future__ import annotations
 
-import os
 import signal
 from math import inf, nan
 
@@ -108,17 +107,22 @@ def test_lockstep(children: Children, peer: Peer) -> None:
     assert list(efforts(truth).values()) == [0.0] + [GOOD + k for k in range(5)]
 
 
-def test_silent_controller_in_real_time(children: Children, peer: Peer) -> None:
+def test_silent_nodes_in_real_time(children: Children, peer: Peer) -> None:
     truth = peer.hear(topics.GROUND_TRUTH)
-    pid = children.node("pid", "u_clamp_max:=5.0", "u_clamp_min:=-5.0")
-    simulator = children.node("simulator", f"command_timeout:={TIMEOUT_NS / 1e9}")
+    nodes = [children.node("pid"), children.node("disturbance")]
+    waits = f"wait_for:=[{topics.EFFORT_COMMAND}, {topics.DISTURBANCE}]"
+    simulator = children.node("simulator", f"command_timeout:={TIMEOUT_NS / 1e9}", waits)
     peer.until(lambda: len(truth) > 50 and truth[-1].effort[1] != 0.0, "commands are used")
-    os.kill(pid.process.pid, signal.SIGSTOP)
+    for node in nodes:
+        node.send(signal.SIGSTOP)
     peer.until(lambda: not any(m.effort[1] for m in truth[-20:]), "the torque goes to zero")
-    os.kill(pid.process.pid, signal.SIGCONT)
+    for node in nodes:
+        node.send(signal.SIGCONT)
     peer.until(lambda: truth[-1].effort[1] != 0.0, "commands are used again")
-    assert int(peer.fresh_diagnostics("simulator")["steps without a fresh command"]) >= 20
-    for child in (simulator, pid):
+    said = peer.fresh_diagnostics("simulator")
+    for kind in ("command", "disturbance"):
+        assert int(said[f"steps without a fresh {kind}"]) >= 10
+    for child in (simulator, *nodes):
         assert child.stop() == 0, child.stderr
 
 

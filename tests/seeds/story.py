@@ -190,5 +190,13 @@ STORIES = {
         ("simulator.fall.angle=0.01", "simulator.fall.stop=true"),
         whole=True,
     ),
+    "a disturbance that hangs in its pulse": Story(
+        *(5, False, "pid", 0.5, _in_turn("stall disturbance 0.2")),
+        (
+            *("simulator.command_timeout=0.05", "disturbance.pulse.channel=trunk_position"),
+            *("disturbance.pulse.start_times=[0.0]", "disturbance.pulse.duration=3600.0"),
+        ),
+        whole=True,
+    ),
     "in lock-step": Story(4, True, "pid", 0.2, (), whole=True),
 }
