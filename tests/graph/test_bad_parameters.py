@@ -19,47 +19,26 @@ ONLY_TRUNK = "only trunk reads files: give the node the parameter file that trun
 # Executable: (argument, value as the line must show it, what the line must say is allowed).
 WRONG = {
     "simulator": [
-        ("plant.length:=-1.5", "-1.5", "double, > 0"),
         ("plant.length:=long", "'long'", "double, > 0"),
         ("plant.gravity:=.nan", "nan", "finite double, >= 0"),
         ("initial.position:=[0.25]", "[0.25]", "double array of 2"),
-        ("hip.mode:=flying", "'flying'", "one of passive, prescribed"),
-        (
-            "wait_for:=[nobody]",
-            "['nobody']",
-            "each one of effort_command, disturbance, reference, recorder",
-        ),
     ],
     "disturbance": [
-        ("update_rate:=0.0", "0.0", "double, >= 0.001"),
-        ("noise.components:=1.5", "1.5", "integer, >= 1"),
         ("pulse.magnitude:=.nan", "nan", "finite double"),
         ("pulse.start_times:=[1.0, -1.0]", "[1.0, -1.0]", "each >= 0"),
-        ("table.values:=[0.5]", "[0.5]", "as many as table.times (0)"),
         ("table.file:=push.csv", "'push.csv'", ONLY_TRUNK),
-        ("noise.high_frequency:=0.25", "0.25", "it must be greater than noise.low_frequency (0.5)"),
     ],
     "pid": [
-        ("gains.p:=-1.0", "-1.0", "double, >= 0"),
         ("gains.p:=true", "True", "double, >= 0"),
-        ("gains.d:=.nan", "nan", "finite double, >= 0"),
-        ("antiwindup_strategy:=hope", "'hope'", "one of none, conditional_integration"),
-        ("u_clamp_max:=-200.0", "-200.0", "it must be greater than u_clamp_min (-100)"),
         (
             "reference.profile:=file",
             "'file'",
             "one of constant, step, sine, sequence, interpolated",
         ),
         ("reference.file:=ref.csv", "'ref.csv'", ONLY_TRUNK),
-        ("reference.profile:=interpolated", "'interpolated'", "at least one of reference.times"),
-        ("reference.values:=[0.5, 0.25]", "[0.5, 0.25]", "as many as reference.times (0)"),
     ],
     "fuzzy_pid": [
-        ("gains.p_min:=0.0", "0.0", "double, > 0"),
-        ("fuzzy.rate_range:=[5.0]", "[5.0]", "double, > 0"),
         ("fuzzy.alpha_centers:=[2.0, .nan, 4.0, 5.0]", "[2.0, nan, 4.0, 5.0]", "each > 0"),
-        ("fuzzy.error_peaks:=[0.0]", "[0.0]", "double array of 2 to 64"),
-        ("gains.p_max:=10.0", "10.0", "at least gains.p_min (32)"),
         ("rules.kp:=[B B B B B B B]", "['B B B B B B B']", "string array of 2 to 64"),
         (
             "rules.kd:=[{0}, {0}, S S B X B S S, {0}, {0}, {0}, {0}]".format("B B B B B B B"),
