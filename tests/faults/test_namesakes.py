@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_experiments.runs.monitor_node import Monitor
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
@@ -118,6 +119,7 @@ def test_nodes_started_by_hand_beside_those_of_a_run(
         assert first[name].stop() == 0, first[name].stderr
     recording = recorded_once(tmp_path / "run.mcap")
     assert recording.complete, recording.warnings
+    assert verify(recording).exit_code == VERIFIED, verify(recording)
     assert not (tmp_path / "run_again.mcap").exists()
 
 

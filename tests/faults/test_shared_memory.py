@@ -1,4 +1,4 @@
-"""Shared memory that is scarce or full, in the test's own mount namespace: not needed, or named in a line."""
+"""Shared memory that is scarce or full, and settings that ROS 2 cannot use: either is named in a line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOUNT = "mount -t tmpfs -o size={size} trunk-test /dev/shm"
 def within(
     tmp_path: Path, domain: int, request: pytest.FixtureRequest
 ) -> Iterator[Callable[[str], Children]]:
-    """Return a function that makes `Children` with shared memory of a given size."""
+    """Return a function that makes `Children` with shared memory of a given size, in a mount namespace."""
     made: list[Children] = []
 
     def with_size(size: str) -> Children:
@@ -92,3 +92,28 @@ def test_the_users_settings_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     assert prepared() == str(middleware.PROFILES)
     assert prepared(**{middleware.PROFILES_FILE: "mine.xml"}) == "mine.xml"
     assert prepared(**{middleware.TRANSPORTS: "SHM"}) is None
+
+
+SETTINGS = [
+    ("ROS_DOMAIN_ID", "abc"),
+    ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"),
+    ("HOME", "/proc/none"),
+    ("ROS_LOG_DIR", "/proc/none"),
+]
+
+
+@pytest.mark.parametrize(("name", "value"), SETTINGS)
+def test_setting_is_named_in_one_line(
+    children: Children, monkeypatch: pytest.MonkeyPatch, name: str, value: str
+) -> None:
+    monkeypatch.setenv(name, value)
+    started = {
+        "trunk": children.trunk("run", "demo", "--output", "run"),
+        "simulator": children.node("simulator"),
+    }
+    for program, child in started.items():
+        assert child.wait() == 2
+        assert child.stderr.splitlines()[-1].startswith(f"{program}: error: {name}={value}")
+        assert "Traceback" not in child.stderr
+    assert len(started["simulator"].stderr.splitlines()) == 1
+    assert list(children.folder.glob("run/logs/*")) == []

@@ -10,8 +10,6 @@ import pytest
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util.recording.reader import Recording
 
 from ..same_bits.paths import difference, reference
 from ..same_bits.scenarios import SCENARIOS
@@ -113,18 +111,3 @@ def test_incommensurate_rate_is_refused_by_the_node(
     (line,) = [one for one in controller.stderr.splitlines() if "is not allowed" in one]
     assert "update_rate = 300 Hz is not allowed in lock-step with a plant at 1000 Hz" in line
     assert peer.until_event("fuzzy_pid", "failed").values["reason"] in line
-
-
-def test_a_second_simulator_is_not_held_against_the_run(
-    children: Children, peer: Peer, tmp_path: Path
-) -> None:
-    """It is refused, and the run goes on."""
-    run = children.trunk(
-        *("run", "demo", "--lockstep", "--speed", 1, "--duration", 10, "--output", "run")
-    )
-    peer.until_started(run)
-    second = children.node("simulator", "lockstep.enabled:=true", "update_rate:=200.0")
-    assert second.wait() == 1, second.stderr
-    assert run.wait() == 0, run.stderr
-    verdict = verify(Recording.open(tmp_path / "run" / "run.mcap"))
-    assert verdict.exit_code == VERIFIED, verdict
