@@ -17,7 +17,7 @@ from trunk_msgs_util.samples import Value
 from trunk_msgs_util.units import nanoseconds
 
 from .limits import Limits
-from .reference_config import ReferenceConfig
+from .reference import ReferenceConfig
 
 DERIVATIVE_MODES = ("error", "measurement", "rate")
 ANTIWINDUP_STRATEGIES = ("none", "conditional_integration", "back_calculation")

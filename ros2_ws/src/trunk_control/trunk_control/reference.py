@@ -1,15 +1,26 @@
-"""Reference profiles: constant, step, sine, levels, and lines between points, as functions of the stamp.
+"""Reference profiles: constant, step, sine, levels, lines between points; the parameters that describe them.
 
-Pure: scalar functions of integers, floats and tuples, which CPython runs and numba compiles unchanged.
+Up to `reference_at` pure: scalar functions of integers, floats and tuples, which CPython runs and numba
+compiles unchanged.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 from trunk_msgs_util.elementary import sine_wave
-from trunk_msgs_util.units import held, interpolated
+from trunk_msgs_util.parameters.config import ManagedConfig
+from trunk_msgs_util.parameters.csv_parameters import (
+    FILE,
+    ONLY_PLANNED,
+    TableFile,
+    check_rows,
+    times_parameter,
+)
+from trunk_msgs_util.parameters.declarations import Declaration, ParameterError, parameter
+from trunk_msgs_util.units import held, interpolated, nanoseconds, period_ns
 
 PROFILES = ("constant", "step", "sine", "sequence", "interpolated")
 CONSTANT, STEP, SINE, SEQUENCE, INTERPOLATED, TOPIC = range(6)
@@ -51,3 +62,125 @@ def reference_at(t_ns: int, p: ReferenceProfile) -> float:
     if p.kind == INTERPOLATED:
         return interpolated(t_ns, p.times, p.values, p.values[0])
     return held(t_ns, p.times, p.values, p.initial)
+
+
+REFERENCE_PROFILES = (*PROFILES, "topic")  # in the order of their kinds
+# The keys that name a reference's CSV file; only plans read these keys.
+REFERENCE_FILE = TableFile(
+    Declaration(
+        "reference.file",
+        "",
+        "string",
+        "",
+        "CSV with the columns t and reference, for the profile file; a plan holds the numbers",
+    ),
+    "reference.times",
+    "reference.values",
+    "reference",
+    "reference.profile",
+    Declaration(
+        "reference.interpolation",
+        "linear",
+        "string",
+        "",
+        "Between two of its rows: a straight line, or the earlier row's value",
+        choices=("linear", "hold"),
+    ),
+    (("linear", "interpolated"), ("hold", "sequence")),
+)
+
+
+@dataclass(frozen=True)
+class ReferenceConfig(ManagedConfig):
+    """Parameters of the ``reference`` node; controllers have the same."""
+
+    table_files: ClassVar[tuple[TableFile, ...]] = (REFERENCE_FILE,)
+
+    update_rate: float = parameter(
+        "update_rate",
+        200.0,
+        "Rate of the plant's steps, for which there is one reference each",
+        unit="Hz",
+        minimum=0.001,
+        maximum=1e6,
+        fixed=True,
+    )
+    lockstep: bool = parameter(
+        "lockstep.enabled",
+        False,
+        "The plant waits for each step's reference",
+        fixed=True,
+    )
+    joint: str = parameter("joint", "trunk", "The joint that is controlled", fixed=True)
+    reference_profile: str = parameter(
+        "reference.profile",
+        "constant",
+        "Shape of the reference; topic: the latest message on the reference topic, the value until then",
+        choices=REFERENCE_PROFILES,
+        elsewhere=((FILE, ONLY_PLANNED),),
+    )
+    reference_value: float = parameter(
+        "reference.value",
+        0.0,
+        "Constant, final value of the step, or mean of the sine",
+        unit="rad",
+        minimum=-1e3,
+        maximum=1e3,
+    )
+    reference_initial: float = parameter(
+        "reference.initial",
+        0.0,
+        "Before the step, or before the sequence begins",
+        unit="rad",
+        minimum=-1e3,
+        maximum=1e3,
+    )
+    reference_step_time: float = parameter(
+        "reference.step_time", 2.0, "Time of the step", unit="s", minimum=0.0, maximum=1e6
+    )
+    reference_amplitude: float = parameter(
+        "reference.amplitude", 0.0, "Amplitude of the sine", unit="rad", minimum=-1e3, maximum=1e3
+    )
+    reference_frequency: float = parameter(
+        "reference.frequency", 0.5, "Frequency of the sine", unit="Hz", minimum=0.0, maximum=1e5
+    )
+    reference_times: tuple[float, ...] = times_parameter(
+        "reference.times",
+        "When the levels of the sequence begin, or the times of the points, ascending",
+    )
+    reference_values: tuple[float, ...] = parameter(
+        "reference.values",
+        (),
+        "The levels of the sequence, or the values of the points",
+        unit="rad",
+        element=float,
+        longest=10_000,
+        minimum=-1e3,
+        maximum=1e3,
+    )
+
+    def __post_init__(self) -> None:
+        check_rows("reference", self.reference_times, self.reference_values)
+        if self.reference_profile == "interpolated" and not self.reference_times:
+            raise ParameterError(
+                "reference.profile", "interpolated", "at least one of reference.times is needed"
+            )
+
+    @property
+    def period_ns(self) -> int:
+        """The period in ns."""
+        return period_ns(self.update_rate)
+
+    @property
+    def reference(self) -> ReferenceProfile:
+        """The profile that `reference_at` evaluates."""
+        return ReferenceProfile(
+            REFERENCE_PROFILES.index(self.reference_profile),
+            self.reference_value,
+            self.reference_initial,
+            nanoseconds(self.reference_step_time),
+            self.reference_amplitude,
+            self.reference_frequency,
+            tuple(nanoseconds(t) for t in self.reference_times),
+            self.reference_values,
+        )

@@ -7,8 +7,7 @@ from trunk_msgs_util.node.ahead_node import AheadNode
 from trunk_msgs_util.node.run import main_for
 from trunk_msgs_util.samples import JointSample
 
-from .reference import reference_at
-from .reference_config import ReferenceConfig
+from .reference import ReferenceConfig, reference_at
 
 
 class ReferenceNode(AheadNode[ReferenceConfig]):

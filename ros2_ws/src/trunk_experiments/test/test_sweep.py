@@ -353,7 +353,7 @@ def test_blocks_with_other_draws_are_refused(own_study, tmp_path, monkeypatch):
 DECIDE_NUMBERS = [
     "trunk_sim/config.py",
     "trunk_control/controller_config.py",
-    "trunk_control/reference_config.py",
+    "trunk_control/reference.py",
     "trunk_control/law.py",
     *(f"trunk_control/{name}.py" for name in ("pid", "fuzzy_pid", "lqr", "fuzzy_torque")),
     "trunk_msgs_util/units.py",

@@ -11,7 +11,7 @@ import numpy as np
 
 from trunk_control.controller import Controller
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.reference_config import ReferenceConfig
+from trunk_control.reference import ReferenceConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import active_at
-from trunk_control.reference_config import ReferenceConfig
+from trunk_control.reference import ReferenceConfig
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.declarations import UnitError, declarations, values_of
 from trunk_msgs_util.parameters.files import Layer, Section, check_names, qos_overrides, read, write
