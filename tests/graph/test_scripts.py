@@ -30,7 +30,7 @@ def module(children: Children, *words: object) -> Child:
 
 @pytest.mark.slow
 def test_bad_arguments_lose_nothing_and_get_one_line(children: Children) -> None:
-    """Some twenty; python -m tests.hostile.arguments tries them all with every verb, `trunk run` among them."""
+    """Some twenty; `python -m tests.hostile.arguments` tries all with every verb, `trunk run` among them."""
     run = module(children, "tests.hostile.arguments", "--every", 397)
     assert run.wait() == 0, run.stdout + run.stderr
     cases = run.stdout.splitlines()[-1]
@@ -69,7 +69,6 @@ def test_an_impossible_run_fails_in_one_line(children: Children) -> None:
 
 
 # python -m tests.honest.check: it judges runs, and sees what is missing.
-
 
 
 @pytest.mark.long
