@@ -22,7 +22,7 @@ from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import event
-from trunk_sim.traffic import Traffic
+from trunk_sim.links import Traffic
 
 from ..real_time import record_real_time
 from ..same_bits.paths import branched_at

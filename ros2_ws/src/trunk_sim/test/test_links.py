@@ -12,8 +12,18 @@ from hypothesis import strategies as st
 from trunk_msgs_util.compiled import twin
 from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_sim.config import SimulatorConfig
-from trunk_sim.links import DRAWS, Link, most_late, perfect, simulate_link, steps_late
-from trunk_sim.traffic import InFlight, Network, Traffic, _draw
+from trunk_sim.links import (
+    DRAWS,
+    InFlight,
+    Link,
+    Network,
+    Traffic,
+    _draw,
+    most_late,
+    perfect,
+    simulate_link,
+    steps_late,
+)
 
 PERIOD = 5_000_000  # ns
 STEPS = 20_000

@@ -14,11 +14,10 @@ from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 
 from .actuator import Actuator, approach_of
-from .links import MOST_LATE, Link, most_late, perfect
+from .links import MOST_LATE, Link, Network, most_late, perfect
 from .operator_input import OperatorLimits
 from .plant import PlantState
 from .step import Plant, Scale, SensorParameters
-from .traffic import Network
 
 _JOINTS = ("hip", "trunk")
 EQUATIONS = ("derived", "as_printed")

@@ -12,6 +12,7 @@ from trunk_msgs_util.units import seconds
 
 from .config import SimulatorConfig
 from .disturbances import Disturbance
+from .links import InFlight, Network, Traffic
 from .noise import Noise
 from .plant import PlantState
 from .step import (
@@ -24,7 +25,6 @@ from .step import (
     sense,
     torque_of,
 )
-from .traffic import InFlight, Network, Traffic
 
 MeasuredStep = tuple[Measurement, float]  # a reading, and the torque over the step before it, N m
 

@@ -15,8 +15,8 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_sim.config import SimulatorConfig
+from trunk_sim.links import Traffic
 from trunk_sim.operator_input import Applied
-from trunk_sim.traffic import Traffic
 
 from ..plans.pushes import Operated
 from .processes import simulator_of

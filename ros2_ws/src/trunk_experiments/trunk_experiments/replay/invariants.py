@@ -17,8 +17,8 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.completeness import OF_STATES, OF_STATES_IN_REAL_TIME, Account
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.units import seconds, step_count
+from trunk_sim.links import Traffic
 from trunk_sim.operator_input import Applied
-from trunk_sim.traffic import Traffic
 
 from ..plans.nodes import CONTROLLERS
 from ..recorded.processes import Process, is_whole

@@ -21,8 +21,8 @@ from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import nanoseconds
 from trunk_sim.disturbances import Disturbance, disturbance_sample
+from trunk_sim.links import Traffic
 from trunk_sim.simulation import DivergedError
-from trunk_sim.traffic import Traffic
 
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan

@@ -11,11 +11,10 @@ import numpy as np
 
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.links import most_late
+from trunk_sim.links import Network, Traffic, most_late
 from trunk_sim.operator_input import Applied, with_operator
 from trunk_sim.plant import PlantState
 from trunk_sim.step import Measurement, PlantStatus
-from trunk_sim.traffic import Network, Traffic
 
 
 class Wire(NamedTuple):
