@@ -19,6 +19,7 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
 
+from ..same_bits.scenarios import SCENARIOS
 from .processes import Children
 from .recordings import assert_every_step, finished_file, joints
 
@@ -80,6 +81,16 @@ def test_the_demo_script_ends_with_a_verdict_a_page_and_what_to_try_next(
     names = ("offline.mcap", "demo/run.mcap")
     assert diff(*(RecordedRun.open(tmp_path / name) for name in names)).identical
     assert "LATE" not in run.stdout + run.stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["a drive", "more links"])
+def test_a_run_in_real_time_verifies(children: Children, tmp_path: Path, name: str) -> None:
+    """With real drives, sensors and links."""
+    run = children.trunk("run", *SCENARIOS[name].words, "-o", "run")
+    assert run.wait() == 0, run.stderr
+    verdict = verify(Recording.open(tmp_path / "run" / "run.mcap"))
+    assert verdict.exit_code == VERIFIED, verdict.reasons
 
 
 def assert_readable_by_all(path: Path) -> None:

@@ -9,13 +9,9 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verdict import UNJUDGED
 from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
-from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros, stamp_to_ros
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.node.conversions import stamp_from_ros, stamp_to_ros
 from trunk_sim.operator_input import Applied
 
 from ..same_bits.paths import difference
@@ -167,25 +163,3 @@ def test_a_silent_hand_lets_go_and_malformed_requests_do_no_harm(
     assert run.operated.at(since_ns + 2_000_000_000) == applied
     assert run.operated.at(since_ns + 2_005_000_000) == Applied()
     verified(tmp_path / "run" / "run.mcap")
-
-
-@pytest.mark.parametrize("mode", [LOCKSTEP, ()], ids=["lock-step", "real time"])
-def test_a_strangers_pushes_are_not_the_operators(
-    children: Children, peer: Peer, tmp_path: Path, mode: tuple[str, ...]
-) -> None:
-    """Nobody uses them: in real time they name no source; in lock-step they cannot be told from others."""
-    held = ("--set", "simulator.autostart=false")  # until the stranger has pushed
-    child = children.trunk("run", "demo", "--duration", 1, "--output", "run", *mode, *held)
-    assert Services(peer, "simulator").change("configure")
-    stranger = peer.publisher(f"/{topics.OPERATOR_PUSH}", "recorder")
-    peer.until_event("recorder", Event.READY)
-    stranger.publish(sample_to_ros(JointSample(0, ("hip", "trunk"), effort=(0.0, 5.0))))
-    peer.until_received(stranger)
-    assert Services(peer, "simulator").change("activate")
-    assert child.wait() == (1 if mode else 0), child.stderr
-    found = Recording.open(tmp_path / "run" / "run.mcap")
-    assert found.complete == (not mode)
-    if not mode:
-        return
-    assert "operator/push" in (found.end or {})["reason"]
-    said("verify", tmp_path / "run" / "run.mcap", code=UNJUDGED)
