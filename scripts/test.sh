@@ -50,6 +50,11 @@ syntax() {
     for script in scripts/*.sh scripts/standin/ros2 .ci/run; do bash -n "$script" || return; done
 }
 
+labs() {
+    command -v clang wasm-ld >/dev/null || python -c 'import ziglang' 2>/dev/null ||
+        bash scripts/install.sh python requirements/lab.txt "$kept/log" || true
+}
+
 kept=$(mktemp -d)
 export TRUNK_SKIPPED=$kept/skipped
 : >"$TRUNK_SKIPPED"
@@ -74,8 +79,9 @@ else
     some=' and not long'
     left='; not run: long ones (scripts/test.sh --all)'
     [[ ${1:-} != --all ]] || some='' left=''
-    # It says why there is none, and its tests are skipped.
+    # Where one cannot be had, its tests are skipped and say why.
     beside 'a browser, for tests' eval 'bash scripts/browser.sh || true'
+    beside 'clang and lld, for labs' labs
     # colcon finds and runs each package's pytest: a few tests of each, as pytest below runs them all.
     few='python_files=test_units.py test_config.py test_terminal.py'
     stage 'colcon test: a few' bash scripts/colcon_test.sh -q "--override-ini=$few"
