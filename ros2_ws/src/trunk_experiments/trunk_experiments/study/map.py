@@ -126,29 +126,23 @@ def _panel(
 
 def _growth(results: Results, axes: Sequence[str], progress: Progress) -> Mapping[str, Floats]:
     """Return each controller's Floquet growth over the grid, at the first draw of all other variables."""
-    study = results.study
-    bases = results.bases()
-    grids: dict[str, Floats] = {}
-    places: list[tuple[str, int, int]] = []
-    plans: list[RunPlan] = []
-    seen = set()
-    levels = [np.unique(results.column(axis)).tolist() for axis in axes]
+    study, bases = results.study, results.bases()
+    beside = [0.0] * (2 - len(axes))  # over one variable there is one row
+    x, y = [np.unique(results.column(axis)).tolist() for axis in axes] + [[0.0]] * len(beside)
+    plans: dict[tuple[str, float, float], RunPlan | None] = {}
     for row in rows_of(design(study, 0, study.total)):
-        place = (row["controller"], *(row[axis] for axis in axes))
-        if place in seen:
-            continue
-        seen.add(place)
-        try:
-            plans.append(plan_of(study, bases, row))
-        except ParameterError:
-            continue  # refused, and not run either
-        j = levels[1].index(float(place[2])) if len(axes) > 1 else 0
-        places.append((row["controller"], j, levels[0].index(float(place[1]))))
-    for (name, j, i), growth in zip(places, _growths(plans, progress), strict=True):
-        grid = grids.setdefault(
-            name, np.full((len(levels[-1]) if len(axes) > 1 else 1, len(levels[0])), np.nan)
-        )
-        grid[j, i] = growth
+        at_x, at_y = [float(row[axis]) for axis in axes] + beside
+        place = row["controller"], at_x, at_y
+        if place not in plans:
+            plans[place] = None  # refused, and not run either
+            with suppress(ParameterError):
+                plans[place] = plan_of(study, bases, row)
+    made = {place: plan for place, plan in plans.items() if plan}
+    grids: dict[str, Floats] = {}
+    growths = _growths(list(made.values()), progress)
+    for (name, at_x, at_y), growth in zip(made, growths, strict=True):
+        grid = grids.setdefault(name, np.full((len(y), len(x)), np.nan))
+        grid[y.index(at_y), x.index(at_x)] = growth
     return grids
 
 
