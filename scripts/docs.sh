@@ -27,7 +27,7 @@ make_lab() { # NAME SCENARIO ARGUMENTS...
     (source scripts/env.sh && trunk export-web "${@:2}" -o "$labs/$1.html" --force >&2)
 }
 if [[ -z ${TRUNK_LABS:-} ]] && ! command -v clang wasm-ld >/dev/null && ! .venv/bin/python -c 'import ziglang' 2>/dev/null; then
-    echo 'docs: clang or lld not found (pip install -r requirements/lab.txt brings them): the site has no labs' >&2
+    echo 'docs: clang or lld not found (requirements/lab.txt brings them): the site has no labs' >&2
 elif [[ -z ${TRUNK_LABS:-} ]]; then
     sources=$(find ros2_ws/src -name '*.py' -o -name '*.js' -o -name '*.css' -o -name '*.j2' -o -name '*.yaml' |
         sort | xargs sha256sum | sha256sum)
