@@ -91,7 +91,9 @@ def run_graph(
         interrupt.restore()
     recorder = running.get(COMPOSED) or running["recorder"]
     if not heard:
-        _read_end(files.recording, running.get(COMPOSED) or running["simulator"], recorder)
+        stopped_by = interrupt.name or ("request" if over() else "")
+        simulator = running.get(COMPOSED) or running["simulator"]
+        _read_end(files.recording, simulator, recorder, stopped_by)
     _check_recorder(recorder, killed, files.recording)
     recording = _own_recording(files.recording, recorder)
     events: Sequence[RunEvent] = ()
@@ -125,10 +127,6 @@ def _watch(
         ends = interrupt.name or (over() and "request")
         if ends and simulator.exit_code is None:
             if not plan.simulator.duration:
-                if not monitor.started:
-                    _hear_last_words(monitor)  # held up, we may not have heard of the start
-                if not monitor.started:
-                    raise RunError(f"stopped by {ends} before the run began")
                 _end_first(simulator, monitor)
                 return False
             raise RunError(f"stopped by {ends}; the recording holds the run up to here")
@@ -264,13 +262,19 @@ def _own_recording(file: Path, recorder: NodeProcess) -> Recording:
     return recording
 
 
-def _read_end(file: Path, simulator: NodeProcess, recorder: NodeProcess) -> None:
-    """Take from the recording how the simulator ended the run. Raises RunError where too early."""
+def _read_end(file: Path, simulator: NodeProcess, recorder: NodeProcess, stopped_by: str) -> None:
+    """Take from the recording how the simulator ended the run. Raises RunError where too early.
+
+    A process that was held up may not have heard of the start: the recording has it.
+    """
     events: list[RunEvent] = []
     with suppress(RecordingError):  # there may be none yet
         events = _own_recording(file, recorder).events()
-    ends = [event for event in events if event.node == "/simulator" and event.message in ENDS]
+    told = [event for event in events if event.node == "/simulator"]
+    ends = [event for event in told if event.message in ENDS]
     if not ends:
+        if stopped_by and all(event.message != Event.STARTED for event in told):
+            raise RunError(f"stopped by {stopped_by} before the run began")
         raise RunError(f"the run ended because {simulator.describe_end()}")
     if ends[-1].message != Event.FINISHED:
         raise RunError(f"simulator: {ends[-1].values.get('reason', ends[-1].message)}")
