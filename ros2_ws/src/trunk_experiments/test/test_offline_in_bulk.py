@@ -198,8 +198,8 @@ def test_states_in_bulk_make_the_same_file(name, tmp_path, monkeypatch):
 
 def test_cpython_does_it_where_numba_is_missing(monkeypatch):
     plan = short("fig7 pid")
-    monkeypatch.setitem(sys.modules, "numba", None)
-    monkeypatch.delitem(sys.modules, "trunk_msgs_util.compiled", raising=False)
+    for name in {"numba", *(name for name in sys.modules if name.startswith("numba."))}:
+        monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setattr(engine, "worth_compiling", lambda *_: True)
     assert sum(len(states.table) for states in states_of_run(plan)) == 201
     with pytest.raises(ImportError):
