@@ -270,10 +270,10 @@ def _read_end(file: Path, simulator: NodeProcess, recorder: NodeProcess, stopped
     events: list[RunEvent] = []
     with suppress(RecordingError):  # there may be none yet
         events = _own_recording(file, recorder).events()
-    told = [event for event in events if event.node == "/simulator"]
-    ends = [event for event in told if event.message in ENDS]
+    reports = [event for event in events if event.node == "/simulator"]
+    ends = [event for event in reports if event.message in ENDS]
     if not ends:
-        if stopped_by and all(event.message != Event.STARTED for event in told):
+        if stopped_by and all(event.message != Event.STARTED for event in reports):
             raise RunError(f"stopped by {stopped_by} before the run began")
         raise RunError(f"the run ended because {simulator.describe_end()}")
     if ends[-1].message != Event.FINISHED:
