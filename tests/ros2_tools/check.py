@@ -25,7 +25,8 @@ from .tools import daemon_of_ours, results, ros2
 
 
 def main() -> int:
-    os.environ.setdefault("ROS_DOMAIN_ID", "95")
+    os.environ["ROS_DOMAIN_ID"] = os.environ.get("TRUNK_TEST_DOMAIN", "95")
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["RCUTILS_COLORIZED_OUTPUT"] = "0"
     if ros2("service", "list", "--help").returncode:
         print("skipped: no real ros2 command here; source /opt/ros/jazzy/setup.bash first")

@@ -124,17 +124,18 @@ class Run:
         What a killed process kept is lost; what is sent once the recorder has ended comes too late for it, as
         from a controller that slept until the run was over.
         """
-        writers = [one for one in self.world.network.writers if one.topic == "/" + topic]
-        ends = [one.ended_ns for one in self.processes["recorder"]]
+        writers = [writer for writer in self.world.network.writers if writer.topic == "/" + topic]
+        ends = [process.ended_ns for process in self.processes["recorder"]]
         until_ns = self.world.now_ns if None in ends else max(filter(None, ends), default=0)
         return (
             sum(
                 sent_ns <= until_ns
-                for one in writers
-                if not one.process.crashed and (counted is None or one.process.identity in counted)
-                for sent_ns in one.sent_ns
+                for writer in writers
+                if not writer.process.crashed
+                and (counted is None or writer.process.identity in counted)
+                for sent_ns in writer.sent_ns
             ),
-            sum(len(one.sent_ns) for one in writers),
+            sum(len(writer.sent_ns) for writer in writers),
         )
 
     @property
@@ -193,7 +194,7 @@ def play(story: Story, folder: Path) -> Outcome:
         run.path.unlink(missing_ok=True)
     trace = tuple(world.trace)
     digest = hashlib.sha256("\n".join(trace).encode()).hexdigest()[:16]
-    log = nodes.log_of([one for some in run.processes.values() for one in some])
+    log = nodes.log_of([process for starts in run.processes.values() for process in starts])
     return Outcome(tuple(found), digest, trace, log)
 
 

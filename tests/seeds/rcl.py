@@ -132,9 +132,9 @@ class Node(Handle):
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
         """Return one entry for each node of each process that is known."""
         known = {
-            (one.process.number, *one.node)
-            for one in (*world().network.writers, *world().network.readers)
-            if here().number in one.known
+            (end.process.number, *end.node)
+            for end in (*world().network.writers, *world().network.readers)
+            if here().number in end.known
         }
         return [(name, namespace) for _, name, namespace in sorted(known)]
 
@@ -398,24 +398,24 @@ class WaitSet(Handle):
             kind: [] for kind in ("subscription", "timer", "guard_condition", "service", "client")
         }
 
-    def _add(self, kind: str, one: Handle) -> int:
-        with one:
-            self._kinds[kind].append(one)
+    def _add(self, kind: str, handle: Handle) -> int:
+        with handle:
+            self._kinds[kind].append(handle)
         return len(self._kinds[kind]) - 1
 
-    def add_subscription(self, one: Handle) -> int:
-        return self._add("subscription", one)
+    def add_subscription(self, handle: Handle) -> int:
+        return self._add("subscription", handle)
 
-    def add_timer(self, one: Handle) -> int:
-        return self._add("timer", one)
+    def add_timer(self, handle: Handle) -> int:
+        return self._add("timer", handle)
 
-    def add_guard_condition(self, one: Handle) -> int:
-        return self._add("guard_condition", one)
+    def add_guard_condition(self, handle: Handle) -> int:
+        return self._add("guard_condition", handle)
 
-    def add_service(self, one: Handle) -> int:
-        return self._add("service", one)
+    def add_service(self, handle: Handle) -> int:
+        return self._add("service", handle)
 
-    def add_event(self, one: Handle) -> int:
+    def add_event(self, handle: Handle) -> int:
         return 0
 
     def is_ready(self, kind: str, index: int) -> bool:
@@ -489,7 +489,7 @@ class LifecycleStateMachine(Handle):
 
     @property
     def available_transitions(self) -> list[tuple[int, str, int, str, int, str]]:
-        return [one for one in self.transition_graph if one[2] == self._state]
+        return [transition for transition in self.transition_graph if transition[2] == self._state]
 
     def get_transition_by_label(self, label: str) -> int:
         for number, known, *_ in self.available_transitions:
@@ -514,21 +514,21 @@ class LifecycleStateMachine(Handle):
 def _infos(node: Node, topic: str, kind: type[Endpoint]) -> list[dict[str, Any]]:
     """Return what the process knows of a topic's endpoints, whose nodes may have no known name yet."""
     found = []
-    for one in world().network.known_to(here(), kind, resolve(node, topic)):
-        named = here().number in one.named
-        name, namespace = one.node if named else ("_NODE_NAME_UNKNOWN_", "_NODE_NAMESPACE_UNKNOWN_")
+    for end in world().network.known_to(here(), kind, resolve(node, topic)):
+        named = here().number in end.named
+        name, namespace = end.node if named else ("_NODE_NAME_UNKNOWN_", "_NODE_NAMESPACE_UNKNOWN_")
         found.append(
             {
                 "node_name": name,
                 "node_namespace": namespace,
-                "topic_type": one.type,
+                "topic_type": end.type,
                 "endpoint_type": 1 if kind is Writer else 2,
-                "endpoint_gid": list(one.number.to_bytes(16, "little")),
+                "endpoint_gid": list(end.number.to_bytes(16, "little")),
                 "qos_profile": {
                     "history": 1,
-                    "depth": one.quality.depth,
-                    "reliability": one.quality.reliability,
-                    "durability": one.quality.durability,
+                    "depth": end.quality.depth,
+                    "reliability": end.quality.reliability,
+                    "durability": end.quality.durability,
                 },
             }
         )
@@ -537,9 +537,9 @@ def _infos(node: Node, topic: str, kind: type[Endpoint]) -> list[dict[str, Any]]
 
 def _names_and_types(node: Node, *_: Any) -> list[tuple[str, list[str]]]:
     found: dict[str, set[str]] = {}
-    for one in (*world().network.writers, *world().network.readers):
-        if here().number in one.known:
-            found.setdefault(one.topic, set()).add(one.type)
+    for end in (*world().network.writers, *world().network.readers):
+        if here().number in end.known:
+            found.setdefault(end.topic, set()).add(end.type)
     return [(topic, sorted(types)) for topic, types in sorted(found.items())]
 
 
@@ -556,7 +556,7 @@ class _Library(ModuleType):
         self._library = library
         nothing = lambda *_, **__: None  # noqa: E731
         self.__dict__.update(
-            {one.__name__: one for one in (
+            {kind.__name__: kind for kind in (
                 Context, Node, Publisher, Subscription, Service, Clock, Timer, GuardCondition,
                 EventHandle, WaitSet, LifecycleStateMachine)},
             rmw_service_info_t=Header,

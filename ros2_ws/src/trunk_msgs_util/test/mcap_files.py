@@ -46,8 +46,8 @@ def raw(opcode: int, body: bytes = b"", length: int | None = None) -> bytes:
 def record(*records: McapRecord) -> bytes:
     """Return records as they are in a file."""
     builder = RecordBuilder()
-    for one in records:
-        one.write(builder)
+    for record in records:
+        record.write(builder)
     return builder.end()
 
 
@@ -275,19 +275,21 @@ def write_file(found: Content, path: Path, digests: str = KEPT, **options) -> No
             for number, kind in found.schemas.items()
         }
         numbers = {}
-        for topic, one in found.channels.items():
-            kind = numbers_of_schemas.get(one.schema_id, 0)
+        for topic, channel in found.channels.items():
+            kind = numbers_of_schemas.get(channel.schema_id, 0)
             numbers[topic] = writer.register_channel(
-                one.topic, one.message_encoding, kind, one.metadata
+                channel.topic, channel.message_encoding, kind, channel.metadata
             )
-            written = Channel(numbers[topic], one.topic, one.message_encoding, one.metadata, kind)
-            running.channel(written, found.schemas.get(one.schema_id))
+            written = Channel(
+                numbers[topic], channel.topic, channel.message_encoding, channel.metadata, kind
+            )
+            running.channel(written, found.schemas.get(channel.schema_id))
         records = [
-            one
-            for one in found.metadata
-            if one[0] not in (DIGESTS, END) and not one[0].startswith("late ")
+            entry
+            for entry in found.metadata
+            if entry[0] not in (DIGESTS, END) and not entry[0].startswith("late ")
         ]
-        last = [one for one in found.metadata if one not in records and one[0] != DIGESTS]
+        last = [entry for entry in found.metadata if entry not in records and entry[0] != DIGESTS]
         for name, values in records:
             writer.add_metadata(name, values)
             running.metadata(name, values)
@@ -325,7 +327,7 @@ def copied(source, path, edit=lambda messages: None, digests=KEPT, end=True, pro
     if isinstance(end, Mapping):
         found.values(END).update(end)
     elif not end:
-        found.metadata = [one for one in found.metadata if one[0] != END]
+        found.metadata = [entry for entry in found.metadata if entry[0] != END]
     return write(found, path, digests)
 
 
@@ -337,10 +339,10 @@ def each(change: Callable[[str, bytes, int], bytes | None]):
 
     def edit(messages: list[list]) -> None:
         seen: Counter[str] = Counter()
-        for one in messages:
-            topic = one[0].removeprefix("/")
-            one[2] = change(topic, one[2], seen[topic])
+        for message in messages:
+            topic = message[0].removeprefix("/")
+            message[2] = change(topic, message[2], seen[topic])
             seen[topic] += 1
-        messages[:] = [one for one in messages if one[2] is not None]
+        messages[:] = [message for message in messages if message[2] is not None]
 
     return edit

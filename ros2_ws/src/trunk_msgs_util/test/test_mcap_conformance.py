@@ -87,34 +87,34 @@ VARIANTS = [
 def made(content, features):
     """Return the bytes of a variant; records of kinds that may be extended are, with "pad"."""
 
-    def add(data, one):
+    def add(data, entry):
         """Append a record; return where it begins, and its length."""
-        at, written = len(data), record(one)
-        if "pad" in features and not isinstance(one, UNPADDED) and data is not inside:
+        at, written = len(data), record(entry)
+        if "pad" in features and not isinstance(entry, UNPADDED) and data is not inside:
             written = raw(written[0], written[HEAD.size :] + PADDING)
         data += written
         return at, len(written)
 
     file, inside, entries = bytearray(MAGIC), bytearray(), []
     add(file, Header("", ""))
-    messages = [one for one in content if isinstance(one, Message)]
+    messages = [entry for entry in content if isinstance(entry, Message)]
     start, end = (f((m.log_time for m in messages), default=0) for f in (min, max))
     groups = {kind: [] for kind in (Schema, Channel, Statistics, MetadataIndex, AttachmentIndex)}
-    for one in content:
-        in_chunk = "ch" in features and isinstance(one, Schema | Channel | Message)
-        at, length = add(inside if in_chunk else file, one)
-        if in_chunk and isinstance(one, Message):
-            entries.append((one.log_time, at))
-        if isinstance(one, Metadata) and "mdx" in features:
-            groups[MetadataIndex].append(MetadataIndex(offset=at, length=length, name=one.name))
-        if isinstance(one, Attachment) and "ax" in features:
+    for entry in content:
+        in_chunk = "ch" in features and isinstance(entry, Schema | Channel | Message)
+        at, length = add(inside if in_chunk else file, entry)
+        if in_chunk and isinstance(entry, Message):
+            entries.append((entry.log_time, at))
+        if isinstance(entry, Metadata) and "mdx" in features:
+            groups[MetadataIndex].append(MetadataIndex(offset=at, length=length, name=entry.name))
+        if isinstance(entry, Attachment) and "ax" in features:
             groups[AttachmentIndex].append(
-                AttachmentIndex(at, length, 2, 1, len(one.data), one.name, one.media_type)
+                AttachmentIndex(at, length, 2, 1, len(entry.data), entry.name, entry.media_type)
             )
-        if isinstance(one, Schema) and "rsh" in features:
-            groups[Schema].append(one)
-        if isinstance(one, Channel) and "rch" in features:
-            groups[Channel].append(one)
+        if isinstance(entry, Schema) and "rsh" in features:
+            groups[Schema].append(entry)
+        if isinstance(entry, Channel) and "rch" in features:
+            groups[Channel].append(entry)
     groups[ChunkIndex] = []
     if "ch" in features:
         data, n = bytes(inside), len(inside)
@@ -138,8 +138,8 @@ def made(content, features):
     begins = len(file) + len(record(DataEnd(0)))
     for records in groups.values():
         at = len(summary)
-        for one in records:
-            add(summary, one)
+        for entry in records:
+            add(summary, entry)
         if len(summary) > at and "sum" in features:
             add(offsets, SummaryOffset(Opcode(summary[at]), begins + at, len(summary) - at))
     return finish(bytes(file), bytes(summary + offsets), offsets=len(offsets))

@@ -83,7 +83,7 @@ def run_graph(
         from .monitor_node import Monitor  # here: no threads while processes start
 
         with Monitor() as monitor:
-            heard = _watch(plan, running, monitor, progress, interrupt, over, tell)
+            heard, stopped_by = _watch(plan, running, monitor, progress, interrupt, over, tell)
     finally:
         killed = _stop_all(running)
         guardian.close()
@@ -91,7 +91,6 @@ def run_graph(
         interrupt.restore()
     recorder = running.get(COMPOSED) or running["recorder"]
     if not heard:
-        stopped_by = interrupt.name or ("request" if over() else "")
         simulator = running.get(COMPOSED) or running["simulator"]
         _read_end(files.recording, simulator, recorder, stopped_by)
     _check_recorder(recorder, killed, files.recording)
@@ -113,8 +112,8 @@ def _watch(
     interrupt: Interrupt,
     over: Callable[[], bool],
     note: Callable[[str], None],
-) -> bool:
-    """Return True when the run has finished, False where it was over before that could be heard."""
+) -> tuple[bool, str]:
+    """Return whether it was heard that the run has finished, and who stopped it; empty: nobody."""
     starting = CpuDeadline(START_TIMEOUT_S)
     own = {name: (running.get(COMPOSED) or running[name]).identity for name in plan.configs}
     simulator = running.get(COMPOSED) or running["simulator"]
@@ -124,11 +123,11 @@ def _watch(
         _pass_on(monitor, note)
         if monitor.finished:
             break  # who stops or dies now does not change the run
-        ends = interrupt.name or (over() and "request")
+        ends = interrupt.name or ("request" if over() else "")
         if ends and simulator.exit_code is None:
             if not plan.simulator.duration:
                 _end_first(simulator, monitor)
-                return False
+                return False, ends
             raise RunError(f"stopped by {ends}; the recording holds the run up to here")
         _check_alive(running, simulator, monitor)
         if silence.lasts(monitor):
@@ -153,7 +152,7 @@ def _watch(
     _pass_on(monitor, note)
     if monitor.failure:
         raise RunError(monitor.failure)
-    return monitor.finished
+    return monitor.finished, ""
 
 
 def _pass_on(monitor: Monitor, note: Callable[[str], None]) -> None:
