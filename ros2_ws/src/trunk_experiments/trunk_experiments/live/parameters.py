@@ -116,7 +116,7 @@ def with_tables(
         return dict(said)
     present = values([name for name in declarations(config) if name not in said])
     try:
-        changed = with_cells(config, said, present)
+        changed = with_cells(config, said, lambda: present)
     except ParameterError as error:
         raise ParameterFileError(f"{source}: {node}: {error}") from None
     return {name: list(v) if isinstance(v, tuple) else v for name, v in changed.items()}

@@ -11,7 +11,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -250,7 +250,7 @@ def check_target(
             if table:  # only the whole knows its labels
                 changed(config, change)
             else:
-                checked(type(config), change, values_of(config))
+                checked(type(config), change, partial(values_of, config))
     except ParameterError as error:
         raise mistake(study, v, f"{contender.label}: {target}: {error}") from None
     if (node, target.name) == ("simulator", "duration"):

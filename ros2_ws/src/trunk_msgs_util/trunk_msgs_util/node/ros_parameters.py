@@ -6,6 +6,7 @@ import math
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -180,7 +181,7 @@ class NodeParameters(Generic[Config]):
             return list(changes)
         given = {change.name: change.value for change in changes}
         try:
-            values = with_cells(self._class, given, values_of(self.config))
+            values = with_cells(self._class, given, partial(values_of, self.config))
         except ParameterError:
             return list(changes)
         kept = [change for change in changes if change.name in values]
@@ -247,7 +248,7 @@ class NodeParameters(Generic[Config]):
                 )
             check(declaration, change.value)
         elif table_of(change.name, self._declared):
-            with_cells(self._class, {change.name: change.value}, values_of(self.config))
+            with_cells(self._class, {change.name: change.value}, partial(values_of, self.config))
         elif not self._node.has_parameter(change.name):  # rclpy declares some of its own
             planned = only_planned(self._class, change.name)
             allowed = ONLY_PLANNED if planned else unknown_name(change.name, self._declared)

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
+from functools import partial
 from typing import Any, TypeVar
 
 from ..errors import TrunkError
@@ -243,16 +244,18 @@ def build(config: type[Config], values: Mapping[str, object]) -> Config:
 
 def changed(config: Config, values: Mapping[str, object]) -> Config:
     """Return the configuration with other values of some parameters. Raises as `build` does."""
-    new: Config = replace(config, **checked(type(config), values, values_of(config)))  # type: ignore[type-var]
+    new: Config = replace(config, **checked(type(config), values, partial(values_of, config)))  # type: ignore[type-var]
     return new
 
 
 def checked(
-    config: type[Any], values: Mapping[str, object], present: Mapping[str, Value] | None = None
+    config: type[Any],
+    values: Mapping[str, object],
+    present: Callable[[], Mapping[str, Value]] = dict,
 ) -> dict[str, Any]:
     """Return values, each checked on its own, by the names of the configuration's fields.
 
-    ``present``: the values to which those of a table's cell or an array's element are changes.
+    ``present`` gives the values to which those of a table's cell or an array's element are changes.
     """
     values = with_cells(config, values, present)
     declared = _fields(config)
@@ -286,14 +289,16 @@ def index_in(name: str, value: object, array: Sequence[object]) -> int:
 
 
 def with_cells(
-    config: type[Any], values: Mapping[str, object], present: Mapping[str, Value] | None = None
+    config: type[Any],
+    values: Mapping[str, object],
+    present: Callable[[], Mapping[str, Value]] = dict,
 ) -> Mapping[str, object]:
     """Return values in which each part of a parameter is changed in the parameter itself.
 
     A part is a cell of a table, ``rules.kd.ZO.PS``, or an element of an array, ``initial.position[1]``.
 
     ``config``: its ``table_labels`` gives the labels of a table's rows and columns from the values of all
-    parameters. ``present``: the values to which ``values`` are changes; None: the defaults. Raises
+    parameters. ``present`` gives the values to which ``values`` are changes, else the defaults. Raises
     ParameterError, which lists the labels, for a cell that is not there, and for a value that is no cell.
     """
     declared = declarations(config)
@@ -307,7 +312,7 @@ def with_cells(
         return values
     whole = {name: value for name, value in values.items() if name not in cells}
     usual = {name: declaration.default for name, declaration in declared.items()}
-    complete = {**usual, **(present or {}), **whole}
+    complete = {**usual, **present(), **whole}
     for name, table in cells.items():
         whole_value: Any = check(declared[table], whole.get(table, complete[table]))
         if name.endswith("]"):
