@@ -311,8 +311,8 @@ def with_cells(
     if not cells:
         return values
     whole = {name: value for name, value in values.items() if name not in cells}
-    usual = {name: declaration.default for name, declaration in declared.items()}
-    complete = {**usual, **present(), **whole}
+    usual = present() or {name: declaration.default for name, declaration in declared.items()}
+    complete = {**usual, **whole}
     for name, table in cells.items():
         whole_value: Any = check(declared[table], whole.get(table, complete[table]))
         if name.endswith("]"):
