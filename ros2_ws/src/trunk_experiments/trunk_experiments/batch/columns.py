@@ -1,0 +1,144 @@
+"""Numbers of many runs at once, one for each: what computes with a float computes with a column of them.
+
+So the parameters of many runs pass through the very functions and checks of one run. Each operation is that
+of a double, run by run, with its bits; where a comparison splits the runs, each part goes its own way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Result = TypeVar("Result")
+Rows = NDArray[np.int64]  # indices of runs
+_EXACT = 2.0**53  # below it every whole double is one integer
+
+
+class Split(Exception):  # noqa: N818 - not an error: a fork
+    """Runs differ in a condition: ``chosen`` [runs] says which of them fulfil it."""
+
+    def __init__(self, chosen: NDArray[np.bool_]) -> None:
+        self.chosen = chosen
+
+
+class Column:
+    """A number of each run [runs], doubles or, rounded, integers that only serve as values.
+
+    What gives no column of doubles with the scalar operation's bits raises TypeError.
+    """
+
+    __slots__ = ("values",)
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, values: NDArray[Any]) -> None:
+        self.values = values
+
+    def __repr__(self) -> str:
+        return f"Column({self.values!r})"
+
+    def __len__(self) -> int:
+        raise TypeError("a column stands for a number")
+
+    def __add__(self, other: object) -> Column:
+        return Column(self._doubles() + _of(other))
+
+    def __radd__(self, other: object) -> Column:
+        return Column(_of(other) + self._doubles())
+
+    def __sub__(self, other: object) -> Column:
+        return Column(self._doubles() - _of(other))
+
+    def __rsub__(self, other: object) -> Column:
+        return Column(_of(other) - self._doubles())
+
+    def __mul__(self, other: object) -> Column:
+        return Column(self._doubles() * _of(other))
+
+    def __rmul__(self, other: object) -> Column:
+        return Column(_of(other) * self._doubles())
+
+    def __truediv__(self, other: object) -> Column:
+        return Column(_quotient(self._doubles(), _of(other)))
+
+    def __rtruediv__(self, other: object) -> Column:
+        return Column(_quotient(_of(other), self._doubles()))
+
+    def __neg__(self) -> Column:
+        return Column(-self._doubles())
+
+    def __abs__(self) -> Column:
+        return Column(np.abs(self._doubles()))
+
+    def __round__(self) -> Column:
+        values = np.rint(self._doubles())
+        if not (np.abs(values) < _EXACT).all():
+            raise TypeError("too large for exact integers")
+        return Column(values.astype(np.int64))
+
+    def __lt__(self, other: object) -> bool:
+        return _agreed(self.values < _of(other))
+
+    def __le__(self, other: object) -> bool:
+        return _agreed(self.values <= _of(other))
+
+    def __gt__(self, other: object) -> bool:
+        return _agreed(self.values > _of(other))
+
+    def __ge__(self, other: object) -> bool:
+        return _agreed(self.values >= _of(other))
+
+    def __eq__(self, other: object) -> bool:
+        return _agreed(self.values == _of(other))
+
+    def __ne__(self, other: object) -> bool:
+        return _agreed(self.values != _of(other))
+
+    def __bool__(self) -> bool:
+        return _agreed(self.values != 0)
+
+    def _doubles(self) -> NDArray[np.float64]:
+        if self.values.dtype != np.float64:
+            raise TypeError("integers of a column only serve as values")
+        return self.values
+
+
+def _of(value: object) -> Any:
+    """Return an operand as NumPy takes it: exactly a double."""
+    if isinstance(value, Column):
+        return value.values
+    if isinstance(value, int) and abs(value) < _EXACT:
+        return float(value)
+    if isinstance(value, float):
+        return value
+    raise TypeError(f"{value!r}: not a double")
+
+
+def _quotient(a: Any, b: Any) -> NDArray[np.float64]:
+    if not np.all(b):
+        raise TypeError("a division by zero")  # raises for one run
+    quotient: NDArray[np.float64] = a / b
+    return quotient
+
+
+def _agreed(fulfilled: NDArray[np.bool_]) -> bool:
+    first = bool(fulfilled[0])
+    if (fulfilled != first).any():
+        raise Split(fulfilled)
+    return first
+
+
+def by_path(evaluate: Callable[[Rows], Result], rows: Rows) -> Iterator[tuple[Rows, Result]]:
+    """Yield the rows that go each way through ``evaluate``, and its result for them."""
+    waiting = [rows]
+    while waiting:
+        part = waiting.pop()
+        try:
+            with np.errstate(all="ignore"):
+                result = evaluate(part)
+        except Split as split:
+            waiting += [part[~split.chosen], part[split.chosen]]
+        else:
+            yield part, result
