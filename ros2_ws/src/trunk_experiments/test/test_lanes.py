@@ -7,12 +7,13 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from trunk_experiments.batch import block
+from trunk_experiments.batch import block, compiled_run
 from trunk_experiments.batch.block import (
     ENOUGH,
     RunSummary,
@@ -24,7 +25,7 @@ from trunk_experiments.batch.block import (
 )
 from trunk_experiments.batch.check import lane_difference
 from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.batch.lanes import LANES, TRACED
+from trunk_experiments.batch.lanes import LANES, SUMS, TRACED
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import make_plan
 
@@ -149,10 +150,16 @@ def test_runs_of_all_kinds_come_back_in_order(batch):
 
 
 def test_metrics_beyond_the_numbers_are_refused(monkeypatch, batch):
-    def beyond(sums, begin):
+    """A run whose metrics are infinite leaves its lane; alone, it says which one is too large."""
+
+    def infinite(shape, cells, *given):
+        cells[SUMS * LANES :] = inf
+
+    def beyond(table, compiled):
         raise ValueError("iae is too large for a floating-point number: no metrics")
 
-    monkeypatch.setattr(block, "metrics_of", beyond)
+    monkeypatch.setattr(block, "_compiled_lanes", lambda *given: infinite)
+    monkeypatch.setattr(compiled_run, "metrics", beyond)
     found = summaries(different("pid"), batch)
     assert (
         found

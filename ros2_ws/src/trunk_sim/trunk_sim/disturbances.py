@@ -143,7 +143,8 @@ def random_starts(count: int, begin: float, end: float, seed: int) -> tuple[floa
 
     From raw integers of PCG64 with the seed, whose stream NumPy guarantees.
     """
-    return tuple(sorted(begin + (end - begin) * u for u in _uniform(count, seed)))
+    drawn = _uniform(count, seed) if count else []
+    return tuple(sorted(begin + (end - begin) * u for u in drawn))
 
 
 def _uniform(count: int, seed: int) -> list[float]:

@@ -311,7 +311,12 @@ def numbers_of(s: Sums, begin: float) -> MetricNumbers:
 
 def metrics_of(sums: Sums, begin: float) -> RunMetrics:
     """Return the metrics of a run that began at ``begin`` [s]. Raises ValueError if one is infinite."""
-    numbers = numbers_of(sums, begin)._asdict()
+    return metrics_from(numbers_of(sums, begin))
+
+
+def metrics_from(metrics: MetricNumbers) -> RunMetrics:
+    """Return the metrics with these numbers. Raises ValueError if one is infinite."""
+    numbers = metrics._asdict()
     undefined = {name: None for name in _MAY_BE_UNDEFINED if isnan(numbers[name])}
     return _checked(RunMetrics(**{**numbers, **undefined}))
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from math import inf, isnan, nan
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trunk_control.controller import hip_index, settings_of
 from trunk_control.decide import states_per_update
@@ -22,7 +24,7 @@ from trunk_sim.disturbances import Signals
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import noisy
 
-from ..analysis.metrics import RunMetrics, Sums, metrics_of, no_rows, steady_from
+from ..analysis.metrics import MetricNumbers, RunMetrics, metrics_from, no_rows, steady_from
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..runs.loop_inputs import check_compilable
@@ -43,6 +45,7 @@ from .lanes import (
     row_values,
     shared,
 )
+from .varied import Rows, Varied, each_run
 
 MAX_STATES = 20_000_000  # of a compiled run, all in memory: 1.8 GB
 
@@ -72,51 +75,122 @@ class RunSummary(NamedTuple):
     refused: str = ""
 
 
+class Outcomes:
+    """How many runs ended, as arrays: a run was refused, or diverged, or has metrics."""
+
+    def __init__(self, count: int) -> None:
+        self.metrics = np.full((len(MetricNumbers._fields), count), nan)  # NaN: undefined
+        self.diverged_at = np.full(count, nan)  # s
+        self.refused: dict[int, str] = {}
+
+    def metric(self, name: str) -> Floats:
+        """Return a metric of all runs; NaN where there is none."""
+        values: Floats = self.metrics[MetricNumbers._fields.index(name)]
+        return values
+
+    def keep(self, i: int, summary: RunSummary) -> None:
+        """Write down how run i ended."""
+        if summary.refused:
+            self.refused[i] = summary.refused
+        elif summary.metrics is None:
+            self.diverged_at[i] = summary.diverged_at
+        else:
+            values = summary.metrics.as_dict().values()
+            self.metrics[:, i] = [nan if value is None else value for value in values]
+
+    def summary(self, i: int) -> RunSummary:
+        """Return how run i ended."""
+        if reason := self.refused.get(i):
+            return RunSummary(None, refused=reason)
+        at = float(self.diverged_at[i])
+        if not isnan(at):
+            return RunSummary(None, at)
+        return RunSummary(metrics_from(MetricNumbers(*self.metrics[:, i].tolist())))
+
+
 class Regular(NamedTuple):
-    """A run that can be computed in a lane."""
+    """Runs that can be computed in lanes; what differs between them is a `Varied`."""
 
     common: Common
-    numbers: list[float]  # of the parameters' rows
-    initial: tuple[float, ...]
-    effort: float  # N m, before the first update
+    numbers: list[Any]  # of the parameters' rows
+    initial: tuple[Any, ...]
+    effort: Any  # N m, before the first update
     profile: ReferenceProfile
     signals: Signals | None
-    seed: int | None  # of the sensors' noise; None: there is none
+    seed: Any  # of the sensors' noise; None: there is none
+
+
+class Maker(Protocol):
+    """What makes runs: on this machine's processor, or on a device."""
+
+    def prepared(self, plan: RunPlan) -> Any:
+        """Return a plan, whose numbers may be those of many runs, as `finish` takes it.
+
+        Raises PlanError for a plan that cannot be run, TypeError where its runs cannot be made together.
+        """
+
+    def finish(
+        self,
+        parts: Iterable[tuple[Rows, Any]],
+        plan_at: Callable[[int], RunPlan],
+        outcomes: Outcomes,
+    ) -> None:
+        """Make the runs of some parts: their indices, and what `prepared` returned for their plan.
+
+        ``plan_at`` returns a run's own plan.
+        """
+
+
+class Lanes(Maker):
+    """Makes runs on this machine's processor: in lanes where they fit together, else one after another."""
+
+    def __init__(self, batch: Batch) -> None:
+        self._batch = batch
+
+    def prepared(self, plan: RunPlan) -> tuple[Any, Regular] | None:
+        """Return the key of runs that can share a block, and these runs; None: they are made one by one."""
+        check_compilable(plan)
+        regular = regular_run(plan)
+        if regular is None:
+            return None
+        inputs_of(regular, 0)
+        return (plan.controller_name, key_of(regular)), regular
+
+    def finish(
+        self,
+        parts: Iterable[tuple[Rows, tuple[Any, Regular] | None]],
+        plan_at: Callable[[int], RunPlan],
+        outcomes: Outcomes,
+    ) -> None:
+        """Make the runs of some parts, block by block, and then those that left their block."""
+        alone: list[int] = []
+        blocks: dict[Any, list[tuple[Rows, Regular]]] = {}
+        for rows, prepared in parts:
+            if prepared is None:
+                alone += rows.tolist()
+            else:
+                blocks.setdefault(prepared[0], []).append((rows, prepared[1]))
+        for (name, _), runs in blocks.items():
+            rows = np.concatenate([part for part, _ in runs])
+            left, metrics = run_lanes(name, [(len(part), regular) for part, regular in runs])
+            alone += rows[left].tolist()
+            outcomes.metrics[:, rows[~left]] = metrics[:, ~left]
+        for i in alone:
+            outcomes.keep(i, summary_of(plan_at(i), self._batch))
 
 
 def summaries(plans: Iterable[RunPlan], batch: Batch) -> list[RunSummary]:
     """Return the outcome of each plan's run."""
-    outcomes: list[RunSummary] = []
-    blocks: dict[Any, list[tuple[int, RunPlan, Regular]]] = {}
-    alone: list[tuple[int, RunPlan]] = []
+    plans, lanes = list(plans), Lanes(batch)
+    outcomes = Outcomes(len(plans))
+    parts = []
     for i, plan in enumerate(plans):
-        outcomes.append(RunSummary(None))
         try:
-            check_compilable(plan)
+            parts.append((np.array([i]), lanes.prepared(plan)))
         except PlanError as error:
-            outcomes[i] = RunSummary(None, refused=str(error))
-            continue
-        regular = regular_run(plan)
-        if regular is None:
-            alone.append((i, plan))
-        else:
-            key = plan.controller_name, key_of(regular)
-            blocks.setdefault(key, []).append((i, plan, regular))
-    for (name, _), runs in blocks.items():
-        for first in range(0, len(runs), LANES):
-            block = runs[first : first + LANES]
-            if len(block) < ENOUGH:
-                alone += [(i, plan) for i, plan, _ in block]
-                continue
-            done = run_block(name, [regular for _, _, regular in block])
-            for (i, plan, _), outcome in zip(block, done, strict=True):
-                if outcome is None:
-                    alone.append((i, plan))
-                else:
-                    outcomes[i] = outcome
-    for i, plan in alone:
-        outcomes[i] = summary_of(plan, batch)
-    return outcomes
+            outcomes.refused[i] = str(error)
+    lanes.finish(parts, plans.__getitem__, outcomes)
+    return [outcomes.summary(i) for i in range(len(plans))]
 
 
 def summary_of(plan: RunPlan, batch: Batch) -> RunSummary:
@@ -213,49 +287,101 @@ def run_block(
 
     ``trace`` [states, TRACED, LANES] is filled, if given.
     """
-    common = runs[0].common
+    outcomes = Outcomes(len(runs))
+    left, outcomes.metrics[:] = run_lanes(name, [(1, run) for run in runs], 1, trace)
+    return [None if left[i] else outcomes.summary(i) for i in range(len(runs))]
+
+
+def run_lanes(
+    name: str,
+    runs: Sequence[tuple[int, Regular]],
+    enough: int = ENOUGH,
+    trace: Floats | None = None,
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Return which runs left the regular course, and the metrics [metrics, runs] of the others.
+
+    ``runs`` have the same `key_of`; each comes with how many it is. Fewer than ``enough`` of a block are
+    left, too. ``trace`` [states, TRACED, LANES] is filled, if given.
+    """
+    common = next(iter(each_run(runs[0][1].common, 1)))
     shape = common._replace(
         plant=shared(common.plant), limits=shared(common.limits), constants=shared(common.constants)
     )
-    numbers, lookup = len(runs[0].numbers), law_named(name).lookup
-    tables = 0 if lookup is None else len(lookup.kind._fields)
-    cells = np.zeros((PARAMETERS + numbers + tables, LANES))
-    padded = runs + [runs[0]] * (LANES - len(runs))
-    cells[PARAMETERS : PARAMETERS + numbers] = np.array([run.numbers for run in padded]).T
-    cells[STATE : STATE + 4] = np.array([run.initial for run in padded]).T
-    cells[MEMORY + 4] = [run.effort for run in padded]
-    cells[SUMS:PARAMETERS] = np.array(no_rows(0.0))[:, None]
+    count, numbers, lookup = (
+        sum(n for n, _ in runs),
+        len(runs[0][1].numbers),
+        law_named(name).lookup,
+    )
+    given = np.concatenate(
+        [spread([*run.numbers, *run.initial, run.effort], n) for n, run in runs], axis=1
+    )
+    inputs = [run_inputs for n, run in runs for run_inputs in inputs_of(run, n)]
+    left, metrics = np.ones(count, bool), np.full((len(MetricNumbers._fields), count), nan)
     history = np.empty((common.delay_steps + 1, 4 * LANES))
-    loop = _compiled_lanes(name, shape, len(runs[0].numbers))
-    loop(shape, cells.reshape(-1), series_of(runs), history, _NONE if trace is None else trace)
-    return [
-        None if cells[LEFT, lane] else _summary(Sums(*cells[SUMS:PARAMETERS, lane].tolist()))
-        for lane in range(len(runs))
-    ]
+    loop = _compiled_lanes(name, shape, numbers)
+    tables = 0 if lookup is None else len(lookup.kind._fields)
+    for first in range(0, count, LANES):
+        block = slice(first, first + LANES)
+        used = given[:, block].shape[1]
+        if used < enough:
+            break
+        cells = np.zeros((PARAMETERS + numbers + tables, LANES))
+        padded = np.concatenate(
+            [given[:, block], given[:, first : first + 1].repeat(LANES - used, 1)], 1
+        )
+        cells[PARAMETERS : PARAMETERS + numbers] = padded[:numbers]
+        cells[STATE : STATE + 4] = padded[numbers:-1]
+        cells[MEMORY + 4] = padded[-1]
+        cells[SUMS:PARAMETERS] = np.array(no_rows(0.0))[:, None]
+        series = series_of(common, inputs[block])
+        loop(shape, cells.reshape(-1), series, history, _NONE if trace is None else trace)
+        metrics[:, block] = cells[SUMS : SUMS + len(metrics), :used]
+        left[block] = cells[LEFT, :used] != 0.0
+    left |= (np.abs(metrics) == inf).any(axis=0)  # refused: the run alone says why
+    return left, metrics
+
+
+def spread(numbers: Sequence[Any], count: int) -> Floats:
+    """Return numbers, each a float or a column, as an array [numbers, count]."""
+    array = np.empty((len(numbers), count))
+    for row, number in zip(array, numbers, strict=True):
+        row[:] = number.values if isinstance(number, Varied) else number
+    return array
 
 
 _NONE = np.empty((0, 1, 1))
 
 
-def series_of(runs: list[Regular]) -> LaneSeries:
+class SeriesInputs(NamedTuple):
+    """What compiled code fills a run's series from, and the tuples that these arrays are made of."""
+
+    profile: ReferenceProfile
+    signals: Signals | None
+    seed: int | None
+    arrays: tuple[Any, Any]  # of profile and signals
+
+
+def inputs_of(regular: Regular, count: int) -> Iterable[SeriesInputs]:
+    """Return the inputs of each of a plan's runs. Raises TypeError where their tables differ."""
+    arrays = with_arrays(regular.profile), with_arrays(regular.signals)
+    return each_run(SeriesInputs(regular.profile, regular.signals, regular.seed, arrays), count)
+
+
+def series_of(common: Common, runs: Sequence[SeriesInputs]) -> LaneSeries:
     """Return the inputs of these runs, step by step: one lane for all if they are equal, else one each."""
-    common = runs[0].common
-    states, period_ns = common.states, common.period_ns
-    profiles = [run.profile for run in runs]
-    if all(profile == profiles[0] for profile in profiles):
-        reference = _reference(profiles[0], states, period_ns)
+    states, period_ns, first = common.states, common.period_ns, runs[0]
+    if all(run.profile == first.profile for run in runs):
+        reference = _reference(first.profile, states, period_ns)
     else:
         reference = np.zeros((states, 1, LANES))
-        for lane, profile in enumerate(profiles):
-            twin(fill_references)(with_arrays(profile), period_ns, lane, reference)
-    acting = _NONE
-    signals = [run.signals for run in runs if run.signals is not None]
-    if signals:
-        lanes = 1 if all(signal == signals[0] for signal in signals) else LANES
+        for lane, run in enumerate(runs):
+            twin(fill_references)(run.arrays[0], period_ns, lane, reference)
+    acting = noise = _NONE
+    if first.signals is not None:
+        lanes = 1 if all(run.signals == first.signals for run in runs) else LANES
         acting = np.zeros((states, 4, lanes))
-        for lane, signal in enumerate(signals[:lanes]):
-            twin(fill_disturbances)(with_arrays(signal), period_ns, lane, acting)
-    noise = _NONE
+        for lane, run in enumerate(runs[:lanes]):
+            twin(fill_disturbances)(run.arrays[1], period_ns, lane, acting)
     seeds = [run.seed for run in runs if run.seed is not None]
     if seeds:
         noise = np.zeros((states, 2, LANES))
@@ -279,10 +405,3 @@ def _compiled_lanes(name: str, example: Common, numbers: int) -> Callable[..., N
     if key not in _loops:
         _loops[key] = compiled(lanes_loop(law_named(name), example))
     return _loops[key]
-
-
-def _summary(sums: Sums) -> RunSummary | None:
-    try:
-        return RunSummary(metrics_of(sums, 0.0))
-    except ValueError as error:
-        return RunSummary(None, refused=str(error))

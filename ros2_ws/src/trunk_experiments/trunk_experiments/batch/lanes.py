@@ -30,17 +30,19 @@ from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState, rk4_step
 from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, sense, torque_of, torque_on
 
-from ..analysis.metrics import Sums, with_row
+from ..analysis.metrics import MetricNumbers, Sums, numbers_of, with_row
 from ..runs.loop import reading_of
+from .varied import Varied
 
 LANES = 16
+_NUMBERS = (float, Varied)
 
 Reader = Callable[[Floats, int, Any], Any]
 
 
-def row_values(record: Any) -> list[float]:
-    """Return the numbers of a record that have rows, in order."""
-    if type(record) is float:
+def row_values(record: Any) -> list[Any]:
+    """Return the numbers of a record that have rows, in order; columns among them."""
+    if type(record) in _NUMBERS:
         return [record]
     if not _has_rows(record):
         return []
@@ -49,10 +51,12 @@ def row_values(record: Any) -> list[float]:
 
 def in_common(record: Any) -> Any:
     """Return a record without the numbers that have rows: equal for runs that can share a block."""
-    if type(record) is float:
+    if type(record) in _NUMBERS:
         return float
     if not _has_rows(record):
         return record
+    if not hasattr(record, "_fields") and Varied in map(type, record):
+        raise TypeError("a table that differs between runs has no row")
     return type(record).__name__, *(in_common(part) for part in record)
 
 
@@ -225,6 +229,15 @@ def keep_sums(sums: Sums, cells: Floats, lane: int) -> None:
     cells[(SUMS + 18) * LANES + lane] = sums.steady_squares
 
 
+def keep_metrics(metrics: MetricNumbers, cells: Floats, lane: int) -> None:
+    """Write the metrics in place of the sums."""
+    keep_four(metrics[:4], SUMS, cells, lane)
+    keep_four(metrics[4:8], SUMS + 4, cells, lane)
+    cells[(SUMS + 8) * LANES + lane] = metrics.peak_torque
+    cells[(SUMS + 9) * LANES + lane] = metrics.theta_min_deg
+    cells[(SUMS + 10) * LANES + lane] = metrics.theta_max_deg
+
+
 def state_at(cells: Floats, row: int, lane: int) -> PlantState:
     """Return the plant's state in four rows."""
     return PlantState(*four(cells, row, lane))
@@ -294,9 +307,9 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
     """Return the loop of a law over a block of lanes.
 
     ``loop(common, cells, series, history, trace)`` computes the runs whose parameters and initial states
-    are in ``cells``, and leaves their sums there. ``history`` [delay_steps + 1, 4 LANES] is for the
-    sensors' delay; ``trace`` [states, TRACED, LANES] is filled unless it is empty. ``example`` gives the
-    structure.
+    are in ``cells``, and leaves their metrics there, in place of the sums. ``history``
+    [delay_steps + 1, 4 LANES] is for the sensors' delay; ``trace`` [states, TRACED, LANES] is filled unless
+    it is empty. ``example`` gives the structure.
     """
     update = law.update
     read_plant, row = reader_of(example.plant, PARAMETERS)
@@ -366,6 +379,8 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                 keep_sums(sums, cells, lane)
             tell(k, cells, trace)
             if k == c.states - 1:
+                for lane in range(LANES):
+                    keep_metrics(numbers_of(sums_at(cells, lane), 0.0), cells, lane)
                 return
             for _ in range(c.substeps):
                 for lane in range(LANES):

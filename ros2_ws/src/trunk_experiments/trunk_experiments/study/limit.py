@@ -18,7 +18,7 @@ from ..errors import PlanError, StudyError
 from ..plans.plan import RunPlan
 from ..plans.pushes import UNITS, Push
 from .compare import Estimate, wilson
-from .rows import make_bases, outcomes, rows_of
+from .rows import make_bases, outcomes
 from .study import StudySpec, Target, Variable, design
 
 PlanAt = Callable[[float], RunPlan]
@@ -190,13 +190,16 @@ def survival(
     counts: dict[str, dict[float, list[int]]] = {}
     for first in range(0, varied.total, study.block):
         columns = design(varied, first, min(first + study.block, varied.total))
-        for row, (plan, run) in zip(
-            rows_of(columns), outcomes(varied, bases, columns), strict=True
+        ended, fall_angles = outcomes(varied, bases, columns)
+        for i, reason in ended.refused.items():
+            raise StudyError(f"{study.source}: run {columns['run'][i]}: {reason}")
+        farthest = np.maximum(ended.metric("theta_max_deg"), -ended.metric("theta_min_deg"))
+        good = farthest <= np.degrees(fall_angles)  # False where it diverged
+        for label, value, upright in zip(
+            columns["controller"], columns[name], good.tolist(), strict=True
         ):
-            if plan is None or run.refused:
-                raise StudyError(f"{study.source}: run {row['run']}: {run.refused}")
-            count = counts.setdefault(row["controller"], {}).setdefault(row[name], [0, 0])
-            count[0] += stood(run, plan)
+            count = counts.setdefault(label, {}).setdefault(value, [0, 0])
+            count[0] += upright
             count[1] += 1
         progress(len(columns["run"]))
     return {

@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import cache, partial
 from itertools import product
+from math import nan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.declarations import (
@@ -33,9 +36,11 @@ from trunk_msgs_util.parameters.declarations import (
 )
 from trunk_msgs_util.parameters.files import ParameterFileError
 from trunk_msgs_util.parameters.to_si import read_quantity, units_of
+from trunk_msgs_util.recording.joint_arrays import Floats
 
-from ..batch.block import RunSummary, summaries, wrong_duration
+from ..batch.block import Lanes, Maker, Outcomes, wrong_duration
 from ..batch.compiled_run import Batch
+from ..batch.varied import Rows, Varied, by_path
 from ..errors import PlanError, StudyError
 from ..plans.files import parse_setting
 from ..plans.nodes import NODES
@@ -75,17 +80,76 @@ def rows_of(columns: Columns) -> Iterator[dict[str, Any]]:
 
 
 def outcomes(
-    study: StudySpec, bases: Bases, columns: Columns
-) -> list[tuple[RunPlan | None, RunSummary]]:
-    """Return each row's plan and how its run ended; values that are refused make no plan."""
-    made: list[tuple[RunPlan | None, RunSummary]] = []
-    for row in rows_of(columns):
-        try:
-            made.append((plan_of(study, bases, row), RunSummary(None)))
-        except (ParameterError, PlanError) as error:
-            made.append((None, RunSummary(None, refused=str(error))))
-    ended = iter(summaries((plan for plan, _ in made if plan), shared_batch()))
-    return [(plan, next(ended) if plan else refusal) for plan, refusal in made]
+    study: StudySpec, bases: Bases, columns: Columns, maker: Maker | None = None
+) -> tuple[Outcomes, Floats]:
+    """Return how each row's run ended, and at which angle its trunk has fallen [rad]; NaN: refused.
+
+    ``maker``: what makes the runs; None: lanes of this process.
+
+    What varies as a double passes through the parameters' checks and the plans for many rows at once
+    (`Varied`); rows with values for which that cannot be have plans of their own.
+    """
+    count = len(columns["run"])
+    ended, fall_angles = Outcomes(count), np.full(count, nan)
+    maker = maker or Lanes(shared_batch())
+    parts: list[tuple[Rows, Any]] = []
+
+    def prepared(row: Row, rows: Rows) -> None:
+        plan = plan_of(study, bases, row)
+        part = maker.prepared(plan)
+        fall_angle: Any = plan.simulator.fall_angle
+        fall_angles[rows] = fall_angle.values if isinstance(fall_angle, Varied) else fall_angle
+        parts.append((rows, part))
+
+    def together(rows: Rows) -> bool:
+        if len(rows) > 1:
+            with suppress(TypeError, ParameterError, PlanError):
+                shared = {name: values[rows] for name, values in doubles.items()}
+                prepared(
+                    {**row_at(columns, rows[0]), **{n: Varied(v) for n, v in shared.items()}}, rows
+                )
+                return True
+        return False
+
+    doubles = _doubles(study, columns)
+    for rows in _alike(study, columns, doubles):
+        for part, done in by_path(together, rows):
+            for i in () if done else part.tolist():
+                try:
+                    prepared(row_at(columns, i), np.array([i]))
+                except (ParameterError, PlanError) as error:
+                    ended.refused[i] = str(error)
+    maker.finish(parts, lambda i: plan_of(study, bases, row_at(columns, i)), ended)
+    return ended, fall_angles
+
+
+def row_at(columns: Columns, i: int) -> dict[str, Any]:
+    """Return a row of some columns."""
+    return {name: values[i] for name, values in columns.items()}
+
+
+def _doubles(study: StudySpec, columns: Columns) -> dict[str, NDArray[Any]]:
+    """Return as arrays the columns of numbers that may differ between runs made together; the seeds too."""
+    numbers = {"seed": np.array(columns["seed"])} if study.runs > 1 else {}
+    for v in study.variables:
+        kinds = {
+            declared[target.name].kind if target.name in declared else ""
+            for contender in study.contenders
+            for target in v.targets
+            for declared in [declarations(NODES[target.node_with(contender)].config)]
+        }
+        if all(kind.startswith("double") for kind in kinds) and v not in structural(study):
+            numbers[v.name] = np.array(columns[v.name], dtype=np.float64)
+    return numbers
+
+
+def _alike(study: StudySpec, columns: Columns, numbers: Container[str]) -> Iterator[Rows]:
+    """Yield the indices of rows with the same controller and the same values outside of ``numbers``."""
+    names = ["controller", *(v.name for v in study.variables if v.name not in numbers)]
+    places: dict[tuple[Any, ...], list[int]] = {}
+    for i, values in enumerate(zip(*(columns[name] for name in names), strict=True)):
+        places.setdefault(values, []).append(i)
+    return map(np.array, places.values())
 
 
 @cache
@@ -244,15 +308,23 @@ def check_target(
             raise mistake(study, v, f"{target}: {error}") from None
         if v.how != "value" and not all(isinstance(value, int | float) for value in values):
             raise mistake(study, v, f"{target}: as {v.how}: numbers are needed")
-    try:
-        for value in values:
-            change = _change(v, target, config, {}, value)
-            if table:  # only the whole knows its labels
-                changed(config, change)
-            else:
-                checked(type(config), change, partial(values_of, config))
-    except ParameterError as error:
-        raise mistake(study, v, f"{contender.label}: {target}: {error}") from None
+
+    def fault(values: Iterable[Any]) -> str:
+        try:
+            for value in values:
+                change = _change(v, target, config, {}, value)
+                if table:  # only the whole knows its labels
+                    changed(config, change)
+                else:
+                    checked(type(config), change, partial(values_of, config))
+        except ParameterError as error:
+            return str(error)
+        return ""
+
+    plain = not table and all(isinstance(value, float) for value in values)
+    together = [Varied(np.array(list(values)))] if plain else values
+    if fault(together):  # which value it is, each alone says
+        raise mistake(study, v, f"{contender.label}: {target}: {fault(values)}")
     if (node, target.name) == ("simulator", "duration"):
         for simulator, value in product((base.simulator for base in bases), values):
             duration = changed(simulator, _change(v, target, simulator, {}, value)).duration

@@ -19,6 +19,7 @@ from pathlib import Path
 from platform import libc_ver, machine
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -68,19 +69,15 @@ def sources() -> str:
 
 def run_block(block: RunBlock) -> pa.Table:
     """Return a block's rows with their results."""
-    results: list[dict[str, Any]] = []
-    for _, summary in outcomes(block.study, block.bases, block.columns):
-        if summary.refused:
-            results.append({"status": "refused", "reason": summary.refused})
-        elif summary.metrics is None:
-            results.append({"status": "diverged", "diverged_at_s": summary.diverged_at})
-        else:
-            results.append({"status": "ok", **summary.metrics.as_dict()})
+    ended, _ = outcomes(block.study, block.bases, block.columns)
     arrays = {name: pa.array(values, _type(name, values)) for name, values in block.columns.items()}
-    for name in ("status", "reason"):
-        arrays[name] = pa.array([result.get(name) for result in results], pa.string())
-    for name in ("diverged_at_s", *METRICS):
-        arrays[name] = pa.array([result.get(name) for result in results], pa.float64())
+    status = np.where(np.isnan(ended.diverged_at), "ok", "diverged").astype(object)
+    status[list(ended.refused)] = "refused"
+    arrays["status"] = pa.array(status, pa.string())
+    arrays["reason"] = pa.array(map(ended.refused.get, range(len(status))), pa.string())
+    numbers = ended.diverged_at, *ended.metrics
+    for name, values in zip(("diverged_at_s", *METRICS), numbers, strict=True):
+        arrays[name] = pa.array(values, pa.float64(), from_pandas=True)  # NaN: null
     return pa.table(arrays).replace_schema_metadata({_PROGRAM: sources(), _CONTENT: block.content})
 
 

@@ -141,6 +141,10 @@ def _fields(config: type[Any]) -> dict[str, tuple[str, Declaration]]:
 
 
 def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
+    for end in getattr(value, "ends", ()):  # many runs' numbers, all of them between these
+        _scalar(declaration, end, whole)
+    if hasattr(value, "ends"):
+        return value
     kind = declaration.kind.removesuffix(" array")
     if kind == "double" and isinstance(value, int) and not isinstance(value, bool):
         try:

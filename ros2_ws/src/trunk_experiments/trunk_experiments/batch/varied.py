@@ -6,25 +6,28 @@ of a double, run by run, with its bits; where a comparison splits the runs, each
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from itertools import repeat
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from trunk_msgs_util.errors import TrunkError
 
 Result = TypeVar("Result")
 Rows = NDArray[np.int64]  # indices of runs
 _EXACT = 2.0**53  # below it every whole double is one integer
 
 
-class Split(Exception):  # noqa: N818 - not an error: a fork
+class SplitError(TrunkError):
     """Runs differ in a condition: ``chosen`` [runs] says which of them fulfil it."""
 
     def __init__(self, chosen: NDArray[np.bool_]) -> None:
         self.chosen = chosen
 
 
-class Column:
+class Varied:
     """A number of each run [runs], doubles or, rounded, integers that only serve as values.
 
     What gives no column of doubles with the scalar operation's bits raises TypeError.
@@ -37,46 +40,46 @@ class Column:
         self.values = values
 
     def __repr__(self) -> str:
-        return f"Column({self.values!r})"
+        return f"Varied({self.values!r})"
 
     def __len__(self) -> int:
         raise TypeError("a column stands for a number")
 
-    def __add__(self, other: object) -> Column:
-        return Column(self._doubles() + _of(other))
+    def __add__(self, other: object) -> Varied:
+        return Varied(self._doubles() + _of(other))
 
-    def __radd__(self, other: object) -> Column:
-        return Column(_of(other) + self._doubles())
+    def __radd__(self, other: object) -> Varied:
+        return Varied(_of(other) + self._doubles())
 
-    def __sub__(self, other: object) -> Column:
-        return Column(self._doubles() - _of(other))
+    def __sub__(self, other: object) -> Varied:
+        return Varied(self._doubles() - _of(other))
 
-    def __rsub__(self, other: object) -> Column:
-        return Column(_of(other) - self._doubles())
+    def __rsub__(self, other: object) -> Varied:
+        return Varied(_of(other) - self._doubles())
 
-    def __mul__(self, other: object) -> Column:
-        return Column(self._doubles() * _of(other))
+    def __mul__(self, other: object) -> Varied:
+        return Varied(self._doubles() * _of(other))
 
-    def __rmul__(self, other: object) -> Column:
-        return Column(_of(other) * self._doubles())
+    def __rmul__(self, other: object) -> Varied:
+        return Varied(_of(other) * self._doubles())
 
-    def __truediv__(self, other: object) -> Column:
-        return Column(_quotient(self._doubles(), _of(other)))
+    def __truediv__(self, other: object) -> Varied:
+        return Varied(_quotient(self._doubles(), _of(other)))
 
-    def __rtruediv__(self, other: object) -> Column:
-        return Column(_quotient(_of(other), self._doubles()))
+    def __rtruediv__(self, other: object) -> Varied:
+        return Varied(_quotient(_of(other), self._doubles()))
 
-    def __neg__(self) -> Column:
-        return Column(-self._doubles())
+    def __neg__(self) -> Varied:
+        return Varied(-self._doubles())
 
-    def __abs__(self) -> Column:
-        return Column(np.abs(self._doubles()))
+    def __abs__(self) -> Varied:
+        return Varied(np.abs(self._doubles()))
 
-    def __round__(self) -> Column:
+    def __round__(self) -> Varied:
         values = np.rint(self._doubles())
         if not (np.abs(values) < _EXACT).all():
             raise TypeError("too large for exact integers")
-        return Column(values.astype(np.int64))
+        return Varied(values.astype(np.int64))
 
     def __lt__(self, other: object) -> bool:
         return _agreed(self.values < _of(other))
@@ -99,6 +102,11 @@ class Column:
     def __bool__(self) -> bool:
         return _agreed(self.values != 0)
 
+    @property
+    def ends(self) -> tuple[Any, Any]:
+        """The least and the greatest."""
+        return self.values.min().item(), self.values.max().item()
+
     def _doubles(self) -> NDArray[np.float64]:
         if self.values.dtype != np.float64:
             raise TypeError("integers of a column only serve as values")
@@ -107,7 +115,7 @@ class Column:
 
 def _of(value: object) -> Any:
     """Return an operand as NumPy takes it: exactly a double."""
-    if isinstance(value, Column):
+    if isinstance(value, Varied):
         return value.values
     if isinstance(value, int) and abs(value) < _EXACT:
         return float(value)
@@ -126,8 +134,27 @@ def _quotient(a: Any, b: Any) -> NDArray[np.float64]:
 def _agreed(fulfilled: NDArray[np.bool_]) -> bool:
     first = bool(fulfilled[0])
     if (fulfilled != first).any():
-        raise Split(fulfilled)
+        raise SplitError(fulfilled)
     return first
+
+
+def each_run(record: Any, count: int) -> Iterable[Any]:
+    """Return a number, or the numbers of tuples, as each of ``count`` runs has them."""
+    if isinstance(record, Varied):
+        numbers: list[Any] = record.values.tolist()
+        return numbers
+    if not isinstance(record, tuple) or not varies(record):
+        return repeat(record, count)
+    runs = zip(*(each_run(part, count) for part in record), strict=True)
+    make: Callable[[Iterable[Any]], Any] = getattr(record, "_make", tuple)
+    return map(make, runs)
+
+
+def varies(record: tuple[Any, ...]) -> bool:
+    """Return True if there are columns in a tuple, or in tuples in it."""
+    return any(
+        isinstance(part, Varied) or (isinstance(part, tuple) and varies(part)) for part in record
+    )
 
 
 def by_path(evaluate: Callable[[Rows], Result], rows: Rows) -> Iterator[tuple[Rows, Result]]:
@@ -138,7 +165,7 @@ def by_path(evaluate: Callable[[Rows], Result], rows: Rows) -> Iterator[tuple[Ro
         try:
             with np.errstate(all="ignore"):
                 result = evaluate(part)
-        except Split as split:
+        except SplitError as split:
             waiting += [part[~split.chosen], part[split.chosen]]
         else:
             yield part, result
