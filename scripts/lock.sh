@@ -28,4 +28,7 @@ for set in fuzzy bench; do
     "${compile[@]}" --generate-hashes --no-deps --constraint "$folder/bench-pins.txt" "$set.in" -o "$folder/$set.txt"
     sed -i "1i # pip install --no-deps -r requirements/$set.txt" "$folder/$set.txt"
 done
-for set in "${sets[@]}" fuzzy bench; do mv "$folder/$set.txt" "$set.txt"; done
+for set in cuda12 cuda13; do # which exclude each other
+    "${compile[@]}" --generate-hashes --constraint "$folder/all.txt" "$set.in" -o "$folder/$set.txt"
+done
+for set in "${sets[@]}" fuzzy bench cuda12 cuda13; do mv "$folder/$set.txt" "$set.txt"; done

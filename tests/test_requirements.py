@@ -66,13 +66,16 @@ def test_each_list_has_a_lock_and_lock_sh_renews_it():
     lists = {file.stem for file in (ROOT / "requirements").glob("*.in")}
     assert lists == {file.stem for file in LOCKS}
     sets = re.search(r"^sets=\((.*)\)", (ROOT / "scripts/lock.sh").read_text(), re.MULTILINE)
-    assert {*sets[1].split(), "fuzzy", "bench"} == lists
+    assert {*sets[1].split(), "fuzzy", "bench", "cuda12", "cuda13"} == lists
 
 
 def test_one_version_of_a_package_in_all_locks():
     versions = {}
-    for lock in LOCKS:
-        for name, version in pinned(lock.read_text(encoding="utf-8")).items():
+    locks = {lock: pinned(lock.read_text(encoding="utf-8")) for lock in LOCKS}
+    other = locks.pop(ROOT / "requirements" / "cuda13.txt")  # instead of cuda12.txt
+    assert {"numpy": other.pop("numpy")}.items() <= locks[ROOT / "requirements/runtime.txt"].items()
+    for lock, packages in locks.items():
+        for name, version in packages.items():
             assert versions.setdefault(name, version) == version, f"{name} in {lock.name}"
 
 
