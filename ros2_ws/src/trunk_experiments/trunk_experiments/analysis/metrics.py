@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from trunk_msgs_util.compiled import twin
+from trunk_msgs_util.units import seconds
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from trunk_msgs_util.recording.joint_arrays import Floats
 
     from .run_table import RunTable
 
@@ -118,6 +121,45 @@ def with_row(
         s.steady_sum + (error if steady == 1.0 else 0.0),
         s.steady_squares + (error * error if steady == 1.0 else 0.0),
     )
+
+
+class Measured(NamedTuple):
+    """The sums of a run's rows so far, and the reference of the last update, rad."""
+
+    sums: Sums
+    reference: float
+
+
+def with_rows(
+    before: Measured,
+    first: int,
+    count: int,
+    period_ns: int,
+    steady: float,
+    theta: int,
+    torque: int,
+    reference: int,
+    fresh: int,
+    out: Floats,
+) -> Measured:
+    """Return the sums with ``count`` more rows of a table [N, columns]; the first is state ``first``.
+
+    The steady state begins at ``steady`` s. The four columns have the angle, rad, the torque over the step
+    from the state, N m, the reference, rad, and 1.0 where it is that of an update. Exported as C unchanged.
+    """
+    sums, level = before.sums, before.reference
+    for row in range(count):
+        if out[row, fresh] == 1.0:
+            level = float(out[row, reference])
+        sums = with_row(
+            sums,
+            seconds((first + row) * period_ns),
+            float(out[row, theta]),
+            level,
+            float(out[row, torque]),
+            steady,
+        )
+    return Measured(sums, level)
 
 
 SETTLED_FOR = 1.0  # s that must remain after settling
@@ -283,7 +325,7 @@ class MetricNumbers(NamedTuple):
     theta_max_deg: float
 
 
-_MAY_BE_UNDEFINED = MetricNumbers._fields[:4]
+MAY_BE_UNDEFINED = MetricNumbers._fields[:4]
 
 
 def numbers_of(s: Sums, begin: float) -> MetricNumbers:
@@ -317,7 +359,7 @@ def metrics_of(sums: Sums, begin: float) -> RunMetrics:
 def metrics_from(metrics: MetricNumbers) -> RunMetrics:
     """Return the metrics with these numbers. Raises ValueError if one is infinite."""
     numbers = metrics._asdict()
-    undefined = {name: None for name in _MAY_BE_UNDEFINED if isnan(numbers[name])}
+    undefined = {name: None for name in MAY_BE_UNDEFINED if isnan(numbers[name])}
     return _checked(RunMetrics(**{**numbers, **undefined}))
 
 

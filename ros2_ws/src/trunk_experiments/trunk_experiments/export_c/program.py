@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib.resources import files
@@ -164,6 +164,14 @@ class Definitions:
             ]
         return "\n".join(["typedef struct {", *fields, f"}} {self.records[record]};"])
 
+    def places(self, t: Type, place: str) -> Iterator[tuple[str, Type]]:
+        """Yield the numbers, tables and arrays in a place of this type: their names in C, and their types."""
+        if isinstance(t, RecordType):
+            for i, inner in enumerate(t.types):
+                yield from self.places(inner, f"{place}.{self.field(t, i)}")
+        elif at_run_time(t):
+            yield place, t
+
     # Constants -----------------------------------------------------------------------------------------
 
     @staticmethod
@@ -260,11 +268,11 @@ class Definitions:
         constants = [text for name, text in self._constants.values() if name in words]
         return "\n\n".join([*helpers, *(["\n".join(constants)] if constants else []), *kept[::-1]])
 
-    def library(self, roots: str) -> str:
-        """Return one C text: all records, and the functions that ``roots`` mentions."""
+    def library(self, roots: str, head: str = f"{INCLUDES}\n\n{ARITHMETIC}") -> str:
+        """Return one C text: a ``head``, all records, and the functions that ``roots`` mentions."""
         structures = map(self.structure, self.records)
         arrays = template("arrays.h")
-        parts = [INCLUDES, ARITHMETIC, arrays, *structures, self.text(roots)]
+        parts = [head, arrays, *structures, self.text(roots)]
         return "\n\n".join(parts) + "\n"
 
 

@@ -14,13 +14,12 @@ from trunk_control.law import Law
 from trunk_control.laws import law_named
 from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.recording.joint_arrays import Floats
-from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Disturbance, disturbance_at
 from trunk_sim.noise import fill
 from trunk_sim.simulation import too_far
 from trunk_sim.step import Measurement, Plant, PlantStatus, at_rest, torque_of
 
-from ..analysis.metrics import Sums, no_rows, numbers_of, steady_from, with_row
+from ..analysis.metrics import Measured, no_rows, numbers_of, steady_from, with_rows
 from ..batch.compiled_run import start_of_loop
 from ..export_c.program import Translated
 from ..export_c.translate import Program, indented
@@ -51,13 +50,6 @@ NAMES = (
 THETA = NAMES.index("theta")
 
 
-class Measured(NamedTuple):
-    """The sums of a run's metrics so far, and the reference of the last update, rad."""
-
-    sums: Sums
-    reference: float
-
-
 def keep_with_drive(column: int) -> Keep:
     """Return `keep_states` that also writes the torque over the step from the state, N m, into a column."""
 
@@ -76,34 +68,6 @@ def keep_with_drive(column: int) -> Keep:
         out[row, column] = torque_of(trunk.effort, effort, plant)
 
     return keep
-
-
-def with_rows(
-    before: Measured,
-    first: int,
-    count: int,
-    period_ns: int,
-    steady: float,
-    drive: int,
-    out: Floats,
-) -> Measured:
-    """Return the sums with ``count`` more rows of a table [N, columns]; the first is state ``first``.
-
-    The steady state begins at ``steady`` s; column ``drive`` has the torque over the step from a state, N m.
-    """
-    sums, reference = before.sums, before.reference
-    for row in range(count):
-        if out[row, FRESH] == 1.0:
-            reference = float(out[row, REFERENCE])
-        sums = with_row(
-            sums,
-            seconds((first + row) * period_ns),
-            float(out[row, THETA]),
-            reference,
-            float(out[row, drive]),
-            steady,
-        )
-    return Measured(sums, reference)
 
 
 class Fired(NamedTuple):
@@ -383,7 +347,9 @@ class LabProgram:
         self._static("begun", measured)
         t, sums = type_of(measured), type_of(measured.sums)
         table = Array(REAL, 2)
-        rows = program.function(with_rows, [t, INTEGER, INTEGER, INTEGER, REAL, INTEGER, table])
+        columns = [THETA, len(self.columns) - 1, REFERENCE, FRESH]
+        types = [t, INTEGER, INTEGER, INTEGER, REAL, *(INTEGER for _ in columns), table]
+        rows = program.function(with_rows, types)
         level = program.function(steady_from, [REAL])
         period = self.plan.simulator.period_ns
         self._export(
@@ -393,7 +359,7 @@ class LabProgram:
             "}",
             f"const double end = (double)((states - 1) * INT64_C({period})) / 1e9;",
             f"measured = {rows.name}(&measured, first, count, {period}, {level.name}(end), "
-            f"{len(self.columns) - 1}, table);",
+            f"{', '.join(map(str, columns))}, table);",
         )
         f = program.function(numbers_of, [sums, REAL])
         self._statics.append(f"static {program.c_type(f.result)} numbers;")

@@ -1,0 +1,391 @@
+"""A kernel's runs have the bits of the CPU's, whatever the plan; a text is for all plans of a composition."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from dataclasses import replace
+from pathlib import Path
+from struct import pack
+
+import numpy as np
+import pytest
+
+from trunk_experiments.analysis.metrics import MetricNumbers, metrics_from
+from trunk_experiments.batch.block import RunSummary, summary_of
+from trunk_experiments.batch.compiled_run import Batch
+from trunk_experiments.batch.kernel import (
+    SOUND,
+    UNSOUND,
+    UNSTABLE,
+    Kernel,
+    kernel_of,
+    start_of_run,
+    unfit,
+    words_of,
+)
+from trunk_experiments.batch.varied import Varied
+from trunk_experiments.plans.nodes import CONTROLLERS
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.runs.loop_inputs import states_of
+from trunk_sim.step import noisy
+
+from .cpp_device import COMPILER, FLAGS, CppDevice
+from .random_plans import random_plan
+
+pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C++ compiler: apt-get install g++")
+OUR_LAWS = ("pid", "fuzzy_pid", "lqr", "computed_torque", "fuzzy")
+FUSED = ("-ffp-contract=fast", "-mfma")
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return Batch()
+
+
+@pytest.fixture(scope="module")
+def device(tmp_path_factory):
+    return CppDevice(tmp_path_factory.mktemp("kernels"))
+
+
+def kernel_and_words(plans):
+    """Return the kernel of plans that have the same, and the words of their runs."""
+    starts = [start_of_run(plan) for plan in plans]
+    (kernel,) = {kernel_of(plan.controller_name, s) for plan, s in zip(plans, starts, strict=True)}
+    return kernel, words_of(kernel, [(start, 1) for start in starts])
+
+
+def summary_in(outcomes, run):
+    """Return a run's outcome; None if it needs the CPU."""
+    numbers = outcomes.metrics[:, run].tolist()
+    if outcomes.fates[run] == UNSOUND:
+        return None
+    if outcomes.fates[run] == UNSTABLE:
+        return RunSummary(None, numbers[0])
+    return RunSummary(metrics_from(MetricNumbers(*numbers)))
+
+
+def bits(summary):
+    """Return a run's outcome with its numbers' bits."""
+    numbers = [] if summary.metrics is None else summary.metrics.as_dict().values()
+    every = [summary.diverged_at, *numbers]
+    return [None if number is None else pack("<d", number) for number in every]
+
+
+def differences(plans, outcomes, batch):
+    """Return the scenarios whose run is not the CPU's, and how many there are of each fate."""
+    wrong, fates = [], Counter()
+    for i, plan in enumerate(plans):
+        expected, computed = summary_of(plan, batch), summary_in(outcomes, i)
+        fates[int(outcomes.fates[i])] += 1
+        if computed is None and expected.refused:
+            continue
+        if computed is None or bits(computed) != bits(expected):
+            wrong.append((plan.scenario, expected, computed))
+    return wrong, fates
+
+
+def several(name, settings=(), count=12, duration=0.6):
+    """Return plans of different trunks, references, disturbances and noises."""
+    everywhere = {"duration": duration, "update_rate": 500.0}
+    plan = make_plan("fig8", name, settings=list(settings), everywhere=everywhere)
+    rng = np.random.default_rng(5)
+    plans = []
+    for i in range(count):
+        mass, angle, level = rng.uniform([0.3, -0.5, 0.1], [0.8, 0.5, 0.4]).tolist()
+        simulator = replace(
+            plan.simulator, trunk_mass=mass, initial_position=(0.0, angle), seed=7 + i
+        )
+        disturbance = plan.disturbance
+        if disturbance is not None:
+            starts = (0.1 * level, 0.3 + 0.1 * level)
+            disturbance = replace(disturbance, pulse_start_times=starts, noise_seed=i)
+        controller = replace(plan.controller, reference_amplitude=level)
+        plans.append(
+            replace(
+                plan,
+                scenario=f"{name} {i}",
+                simulator=simulator,
+                disturbance=disturbance,
+                controllers={name: controller},
+            )
+        )
+    return plans
+
+
+DISTURBED = [
+    "simulator.sensor.position_noise=0.004",
+    "simulator.sensor.delay=0.01",
+    "disturbance.pulse.start_times=[0.1, 0.3]",
+    "disturbance.pulse.magnitude=3.0",
+    "disturbance.pulse.channel=trunk_effort",
+    "disturbance.sine.amplitude=0.4",
+    "disturbance.noise.rms=0.3",
+]
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """Random plans that fit a kernel, by kernel."""
+    plans = defaultdict(list)
+    for index in range(150, 450):
+        plan = random_plan(index)
+        if not unfit(plan):
+            plans[kernel_of(plan.controller_name, start_of_run(plan))].append(plan)
+    return plans
+
+
+@pytest.mark.slow
+def test_random_plans_give_the_bits_of_the_cpu(drawn, device, batch):
+    wrong, fates, short = [], Counter(), 0
+    for plans in drawn.values():
+        outcomes = device.run(*kernel_and_words(plans))
+        several_wrong, several_fates = differences(plans, outcomes, batch)
+        wrong += several_wrong
+        fates += several_fates
+        full = [states_of(plan) for plan in plans]
+        short += int(np.sum((outcomes.fates == SOUND) & (outcomes.states < full)))
+    assert not wrong
+    assert fates[SOUND] > 100
+    assert fates[UNSTABLE] > 2
+    assert short > 5, "falls that end a run"
+
+
+def test_random_plans_have_what_a_kernel_computes(drawn):
+    plans = [plan for group in drawn.values() for plan in group]
+    assert {plan.controller_name for plan in plans} == set(OUR_LAWS)
+    disturbances = [plan.disturbance for plan in plans if plan.disturbance]
+    assert any(d.pulse_start_times or d.pulse_random_count for d in disturbances)
+    assert any(d.sine_amplitude for d in disturbances)
+    assert any(d.noise_rms for d in disturbances)
+    assert any(d.table_times for d in disturbances)
+    assert any(noisy(plan.simulator.sensor) for plan in plans)
+    assert any(plan.simulator.delay_steps for plan in plans)
+    profiles = {plan.controller.reference_profile for plan in plans}
+    assert profiles == {"constant", "step", "sine", "sequence", "interpolated"}
+
+
+def test_a_law_has_a_text_for_all_its_plans(drawn):
+    """The model of computed_torque has a path with harmonics or without: two structures."""
+    laws = Counter(plans[0].controller_name for plans in drawn.values())
+    assert laws == {**dict.fromkeys(OUR_LAWS, 1), "computed_torque": 2}
+    assert len({kernel.text for kernel in drawn}) == len(drawn)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_long_runs_have_a_steady_state(name, device, batch):
+    """Runs that a fall ends have another: when it begins follows from where they end."""
+    settings = [*DISTURBED, "simulator.fall.stop=true", "simulator.fall.angle=1.2"]
+    plans = several(name, settings, duration=4.0)
+    plans = [
+        replace(
+            plan,
+            disturbance=replace(
+                plan.disturbance, pulse_start_times=(2.5,), pulse_magnitude=2.0 * 2.0**i
+            ),
+        )
+        for i, plan in enumerate(plans)
+    ]
+    outcomes = device.run(*kernel_and_words(plans))
+    wrong, _ = differences(plans, outcomes, batch)
+    assert not wrong
+    lengths = set(outcomes.states[np.isfinite(outcomes.metrics[2])].tolist())
+    assert 2001 in lengths
+    assert len(lengths) > 1, "falls after more than two seconds"
+
+
+def test_a_run_may_end_at_its_first_state_or_diverge(device, batch):
+    plans = several("pid", ["simulator.fall.stop=true", "simulator.fall.angle=0.3"], count=8)
+    wild = replace(plans[3].controller, d=5000.0)
+    upright = replace(plans[3].simulator, initial_position=(0.0, 0.1), fall_stop=False)
+    plans[3] = replace(plans[3], controllers={"pid": wild}, simulator=upright)
+    outcomes = device.run(*kernel_and_words(plans))
+    wrong, fates = differences(plans, outcomes, batch)
+    assert not wrong
+    assert 1 in outcomes.states
+    assert fates[UNSTABLE] == 1
+    assert 0.0 < summary_in(outcomes, 3).diverged_at < 0.6
+
+
+def test_metrics_beyond_the_numbers_are_left_to_the_cpu(device, batch):
+    plans = several("pid", ["simulator.max_effort=50.0"], count=4)
+    large = replace(plans[2].controller, reference_profile="constant", reference_value=1e200)
+    plans[2] = replace(plans[2], controllers={"pid": large})
+    outcomes = device.run(*kernel_and_words(plans))
+    wrong, fates = differences(plans, outcomes, batch)
+    assert not wrong
+    assert fates == {SOUND: 3, UNSOUND: 1}
+    assert summary_in(outcomes, 2) is None
+    assert summary_of(plans[2], batch).refused
+
+
+# Columns --------------------------------------------------------------------------------------------------
+
+
+def stacked(values):
+    """Return the values of several runs as those of a single run, with columns where they differ."""
+    first = values[0]
+    if isinstance(first, tuple):
+        items = [stacked(items) for items in zip(*values, strict=True)]
+        return first._make(items) if hasattr(first, "_make") else tuple(items)
+    if isinstance(first, np.ndarray):
+        if all(np.array_equal(first, value) for value in values):
+            return first
+        whole = np.empty(first.shape, object)
+        for place in np.ndindex(first.shape):
+            whole[place] = stacked([value[place].item() for value in values])
+        return whole
+    return first if all(value == first for value in values) else Varied(np.array(values))
+
+
+@pytest.mark.parametrize("name", ["pid", "fuzzy_pid"])
+def test_columns_are_as_good_as_single_plans(name, device, batch):
+    plans = several(name, DISTURBED)
+    kernel, words = kernel_and_words(plans)
+    start = stacked([start_of_run(plan) for plan in plans])
+    assert kernel_of(name, start) is kernel
+    joined = words_of(kernel, [(start, len(plans))])
+    assert np.array_equal(joined.rows, words.rows)
+    same = joined.common == words.common
+    arrays = [place for place in np.flatnonzero(~same) if words.rows[place] < 0]
+    assert len(joined.own) == len(words.own) < 20
+    mixed = words_of(
+        kernel,
+        [
+            (stacked([start_of_run(plan) for plan in plans[:5]]), 5),
+            *((start_of_run(plan), 1) for plan in plans[5:]),
+        ],
+    )
+    expected = device.run(kernel, words)
+    wrong, _ = differences(plans, expected, batch)
+    assert not wrong
+    for other in (joined, mixed):
+        outcomes = device.run(kernel, other)
+        assert outcomes.metrics.tobytes() == expected.metrics.tobytes()
+        assert outcomes.states.tolist() == expected.states.tolist()
+    assert len(arrays) <= 24, "only where arrays begin"
+
+
+def test_what_all_runs_share_takes_no_column(device):
+    (plan, *_) = several("pid", count=1)
+    start = start_of_run(plan)
+    kernel = kernel_of("pid", start)
+    same = words_of(kernel, [(start, 1000)])
+    assert same.own.shape == (0, 1000)
+    mass = Varied(np.linspace(0.3, 0.8, 1000))
+    body = start.surroundings.plant.body._replace(trunk_mass=mass)
+    plant = start.surroundings.plant._replace(body=body)
+    heavier = start._replace(surroundings=start.surroundings._replace(plant=plant))
+    words = words_of(kernel, [(heavier, 1000)])
+    assert words.own.view(np.float64).tolist() == [mass.values.tolist()]
+    assert words_of(kernel, [(start, 3), (start, 4)]).own.shape == (0, 7)
+    metrics = device.run(kernel, same).metrics.T
+    assert len({run.tobytes() for run in metrics}) == 1
+
+
+def test_whole_words_are_kept(device):
+    """Integers beyond 2^53 too: no double is between."""
+    start = start_of_run(several("pid", count=1)[0])
+    many = Varied(np.array([2**62 + 1, 2**62 + 2]))
+    surroundings = start.surroundings._replace(timeout_ns=many)
+    words = words_of(kernel_of("pid", start), [(start._replace(surroundings=surroundings), 2)])
+    assert words.own.tolist() == [[2**62 + 1, 2**62 + 2]]
+
+
+def test_parts_of_the_runs_give_the_same(device):
+    plans = several("pid", DISTURBED, count=70)
+    kernel, words = kernel_and_words(plans)
+    whole = device.run(kernel, words).metrics
+    parts = [device.run(kernel, words.part(slice(i, i + 16))).metrics for i in range(0, 70, 16)]
+    assert np.concatenate(parts, axis=1).tobytes() == whole.tobytes()
+
+
+def test_a_thread_draws_the_noise_of_any_seed(device, batch):
+    (plan,) = several("pid", DISTURBED, count=1)
+    seeds = [0, 1, 2**31 - 1, *np.random.default_rng(2).integers(0, 2**31, 20).tolist()]
+    plans = [replace(plan, simulator=replace(plan.simulator, seed=seed)) for seed in seeds]
+    wrong, _ = differences(plans, device.run(*kernel_and_words(plans)), batch)
+    assert not wrong
+
+
+# What a kernel does not do --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        (["simulator.link.state.delay=0.01"], "links with delays or losses"),
+        (["simulator.sensor.dropout=0.1"], "links with delays or losses"),
+        (["pid.active.times=[0.0]"], r"a controller that acts in turns \(active.times\)"),
+        (["simulator.duration=0.0"], "simulator: duration is 0: .*"),
+        (["pid.autostart=false"], "pid: autostart is false, .*"),
+        ([], ""),
+    ],
+)
+def test_why_a_plan_is_unfit(settings, reason):
+    plan = make_plan("fig8", "pid", settings=settings)
+    assert re.fullmatch(reason, unfit(plan))
+
+
+def test_several_controllers_are_unfit():
+    plans = map(random_plan, range(100))
+    several_act = [plan for plan in plans if len(plan.controllers) > 1]
+    assert "several controllers" in {unfit(plan) for plan in several_act}
+
+
+def test_a_law_outside_of_the_subset_is_unfit(monkeypatch):
+    def rounded(out, row, *others):
+        out[row, 0] = round(row / 2)
+
+    monkeypatch.setattr("trunk_experiments.batch.kernel.torque_of", rounded)
+    monkeypatch.setattr("trunk_experiments.batch.kernel._kernel", uncached())
+    reason = unfit(make_plan("fig8", "pid"))
+    assert reason.startswith("pid: ")
+    assert "\n" not in reason
+
+
+def uncached():
+    from trunk_experiments.batch import kernel
+
+    return kernel._kernel.__wrapped__
+
+
+def test_the_text_is_what_nvrtc_takes(drawn):
+    """No header; no function of the host; no infinite number where nothing can be computed."""
+    for kernel in drawn:
+        assert "#include" not in kernel.text
+        assert not re.search(r"(?m)^static (?!__device__ )", kernel.text)
+        statics = re.findall(r"(?m)^static [^(]*=[^;]*;", kernel.text)
+        assert statics
+        assert not [text for text in statics if "INFINITE" in text or "NOT_A_NUMBER" in text]
+        assert "__int128" not in kernel.text
+
+
+# Broken on purpose ----------------------------------------------------------------------------------------
+
+
+def _fuses() -> bool:
+    flags = Path("/proc/cpuinfo")
+    return flags.exists() and " fma " in flags.read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not _fuses(), reason="this processor has no fused multiply-add")
+def test_a_fused_product_and_sum_is_noticed(tmp_path, batch):
+    plans = several("pid")
+    outcomes = CppDevice(tmp_path, [*FLAGS, *FUSED]).run(*kernel_and_words(plans))
+    wrong, _ = differences(plans, outcomes, batch)
+    assert len(wrong) > 6
+
+
+@pytest.mark.slow
+def test_sums_in_another_order_are_noticed(device, batch):
+    plans = several("pid")
+    kernel, words = kernel_and_words(plans)
+    other = r"iae = \2 * \3 + (\1 + \2 * \4)"
+    text = re.sub(r"iae = (.*) \+ \((\w+) \* \((\w+) \+ (\w+)\)\)", other, kernel.text)
+    assert text != kernel.text
+    outcomes = device.run(Kernel(text, kernel.start), words)
+    wrong, _ = differences(plans, outcomes, batch)
+    assert len(wrong) > 6
