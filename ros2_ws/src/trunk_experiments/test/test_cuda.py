@@ -2,19 +2,39 @@
 
 from __future__ import annotations
 
+import re
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from trunk_experiments.batch import cuda
 from trunk_experiments.errors import LibraryError, NotInstalledError
+from trunk_experiments.study.study import parse_study
+from trunk_experiments.study.sweep import SweepJob, processes, run_block
 
 from .cpp_device import COMPILER, CppDevice
 from .test_kernel import DISTURBED, kernel_and_words, several
 
 RUNS = 300
+STUDY = """
+scenario: fig8
+controllers: [pid, fuzzy_pid]
+duration: 2.5
+rate: 200
+runs: 12
+block: 10
+set: {simulator.sensor.position_noise: 0.002}
+vary:
+  delay: {parameter: simulator.link.command.delay, values: [0.0, 0.02]}
+  mass: {parameter: simulator.plant.trunk_mass, distribution: uniform, low: 0.3, high: 0.8}
+  gain: {parameter: pid.gains.d, as: factor, distribution: choice, values: [1.0, 2000.0]}
+  least: {parameter: fuzzy_pid.gains.p_min, distribution: uniform, low: 20.0, high: 70.0}
+"""
 
 
 class CardError(RuntimeError):
@@ -110,7 +130,7 @@ def test_what_does_not_fit_the_memory_goes_in_parts(cupy, tmp_path):
 
 def test_without_cupy(monkeypatch):
     monkeypatch.setitem(sys.modules, "cupy", None)
-    with pytest.raises(NotInstalledError, match="needs CuPy: pip install 'cupy-cuda12x"):
+    with pytest.raises(NotInstalledError, match="needs CuPy: pip install -r requirements/cuda12"):
         cuda.CudaDevice()
 
 
@@ -149,3 +169,88 @@ def test_a_card_without_fast_doubles_is_named(cupy, ratio, slow):
     device = cuda.CudaDevice()
     assert device.slow.startswith(slow)
     assert bool(device.slow) == bool(slow)
+
+
+@pytest.fixture
+def in_a_cards_place(monkeypatch, tmp_path):
+    """A processor makes the runs of ``--device cuda``."""
+    device = CppDevice(tmp_path)
+    monkeypatch.setattr(device, "slow", "the card is slow", raising=False)
+    monkeypatch.setattr(cuda, "CudaDevice", lambda: device)
+    return device
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C++ compiler: apt-get install g++")
+@pytest.mark.slow
+def test_a_sweep_writes_the_same_file(in_a_cards_place, tmp_path, trunk):
+    """Links, refused rows and metrics that only the CPU can judge among others; begun on the CPU, too."""
+    study = tmp_path / "study.yaml"
+    study.write_text(STUDY)
+    files = [tmp_path / f"{name}.parquet" for name in ("lanes", "alone", "card", "resumed")]
+    begun = SweepJob(parse_study(STUDY, str(study)), files[3])
+    begun.start()
+    for block, table in processes(1)(list(begun.waiting())[2:4]):
+        begun.keep(block, table)
+    trunk("sweep", study, "-o", files[0], "--jobs", 1)
+    alone = SweepJob(begun.study, files[1])
+    alone.start()
+    alone.run(lambda blocks: ((b.index, one_by_one(b)) for b in blocks))
+    alone.finish()
+    for file in files[2:]:
+        code, _, said = trunk("sweep", study, "-o", file, "--device", "cuda")
+        assert code == 0
+        assert "warning: the card is slow" in said
+        assert re.search(
+            r"warning: \d+ runs were made on the CPU: links with delays or losses", said
+        )
+    lanes, *others = (file.read_bytes() for file in files)
+    assert others == [lanes] * 3
+    statuses = set(pq.read_table(files[0])["status"].to_pylist())
+    assert statuses == {"ok", "diverged", "refused"}
+    assert len(in_a_cards_place.texts) == 2
+
+
+def one_by_one(block):
+    rows = len(block.columns["run"])
+    parts = [
+        replace(block, columns={name: [values[i]] for name, values in block.columns.items()})
+        for i in range(rows)
+    ]
+    return pa.concat_tables([run_block(part) for part in parts])
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C++ compiler: apt-get install g++")
+@pytest.mark.slow
+def test_limits_and_indices_are_the_same(in_a_cards_place, tmp_path, trunk):
+    study = tmp_path / "study.yaml"
+    study.write_text(re.sub(r"(?m)^  (delay|least).*\n", "", STUDY).replace("runs: 12", "runs: 4"))
+    vary = "--vary", "disturbance.pulse.magnitude", "--from", 0, "--to", 3, "--points", 4
+    for verb in (("limit", "--study", study, *vary), ("study", "sensitivity", study, "--n", 4)):
+        texts = [trunk(*verb, "--json", "--device", name)[:2] for name in ("cpu", "cuda")]
+        assert texts[0] == texts[1]
+        assert texts[0][0] == 0
+    assert in_a_cards_place.texts
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("sweep", "robustness", "-o", "x.parquet", "--jobs", 2), "leave --jobs out"),
+        (
+            ("sweep", "robustness", "-o", "x.parquet", "--scheduler", "tcp://x:1"),
+            "leave --scheduler out",
+        ),
+        (("limit", "demo", "--push", "0.1", "--from", 1, "--to", 2), "for --study alone"),
+        (("sweep", "robustness", "-o", "x.parquet"), "a GPU needs CuPy"),
+    ],
+)
+def test_what_a_card_cannot_do_is_said_in_one_line(
+    arguments, message, monkeypatch, tmp_path, trunk
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "cupy", None)
+    code, out, said = trunk(*arguments, "--device", "cuda")
+    assert (code, out) == (2, "")
+    assert message in said
+    assert len(said.splitlines()) == 1
+    assert not list(tmp_path.iterdir())

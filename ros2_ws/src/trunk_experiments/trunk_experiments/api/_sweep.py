@@ -196,6 +196,7 @@ def sweep(
     output: AnyPath | None = None,
     overwrite: bool = False,
     jobs: int = 1,
+    device: str = "cpu",
     progress: Callable[[int, int], None] | None = None,
 ) -> Sweep:
     """Run a study in compiled code, with the same bits as `simulate`, and return the metrics of its runs.
@@ -203,29 +204,42 @@ def sweep(
     ``output``: the Parquet file to write, as ``trunk sweep`` does; an interrupted sweep resumes.
     None: nothing is kept on disk. ``jobs``: how many processes; with more than one, a script needs
     ``if __name__ == "__main__":`` around the call, as for `multiprocessing`.
+    ``device``: "cuda" makes the runs on a GPU, with the same bits; those that it cannot make are made on the
+    CPU, and `Sweep.warnings` says why.
     ``progress``: called with the number of finished runs and the total.
 
     The first sweep after a change of version takes some seconds to compile. Raises StudyError, before the
-    first run, for a study that is not possible, and SweepError if a process was killed.
+    first run, for a study that is not possible, SweepError if a process was killed, and NotInstalledError or
+    LibraryError if there is no GPU that can be used.
     """
     if not isinstance(study, Study):
         raise PlanError(f"sweep: {study!r} is not a study: give what trunk.study(...) returns")
     if isinstance(jobs, bool) or not isinstance(jobs, int) or not 1 <= jobs <= 1024:
         raise PlanError(f"sweep: jobs is {jobs!r}: a whole number from 1 to 1024 is needed")
+    if device not in ("cpu", "cuda") or (device == "cuda" and jobs != 1):
+        raise PlanError(f"sweep: device is {device!r}, jobs {jobs}: cpu, or cuda with jobs=1")
     if output is not None:
-        return _swept(study, output_path(output, (".parquet",), overwrite), jobs, progress)
+        return _swept(study, output_path(output, (".parquet",), overwrite), jobs, device, progress)
     with TemporaryDirectory(prefix="trunk_") as folder:
-        sweep = _swept(study, Path(folder) / "sweep.parquet", jobs, progress)
+        sweep = _swept(study, Path(folder) / "sweep.parquet", jobs, device, progress)
     return replace(sweep, _results=replace(sweep._results, path=Path("the sweep")))
 
 
 def _swept(
-    study: Study, path: Path, jobs: int, progress: Callable[[int, int], None] | None
+    study: Study,
+    path: Path,
+    jobs: int,
+    device: str,
+    progress: Callable[[int, int], None] | None,
 ) -> Sweep:
     from ..study.results import Results
-    from ..study.sweep import SweepJob, processes
+    from ..study.sweep import SweepJob, device_runner, processes
 
-    job = SweepJob(study._study, path)
+    job, warnings, maker = SweepJob(study._study, path), list[str](), None
+    if device == "cuda":
+        from ..batch.cuda import on_cuda
+
+        maker = on_cuda(warnings.append)
     with writing(path):
         done = job.start()
 
@@ -237,13 +251,15 @@ def _swept(
 
     try:
         with writing(path):
-            job.run(processes(max(1, min(jobs, len(job.missing)))), tell)
+            crew = processes(max(1, min(jobs, len(job.missing))))
+            job.run(device_runner(maker) if maker else crew, tell)
             job.finish()
     except SweepError as error:
         if isinstance(error.__context__, BrokenProcessPool):
             raise SweepError(_KILLED) from None
         raise
-    return Sweep(Results.read(path), tuple(job.warnings))
+    remarks = maker.remarks() if maker else []
+    return Sweep(Results.read(path), (*job.warnings, *warnings, *remarks))
 
 
 def load_sweep(path: AnyPath) -> Sweep:

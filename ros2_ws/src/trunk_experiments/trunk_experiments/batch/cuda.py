@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
@@ -9,7 +10,8 @@ import numpy as np
 
 from ..analysis.metrics import MetricNumbers
 from ..errors import LibraryError, NotInstalledError
-from .kernel import Computed, Kernel, Words
+from .compiled_run import Batch
+from .kernel import Computed, Kernel, OnDevice, Words
 
 # No multiplication and addition in one rounding; with more registers fewer threads run at a time.
 OPTIONS = ("--fmad=false", "--std=c++17", "--maxrregcount=128")
@@ -17,7 +19,7 @@ BLOCK = 128  # threads
 _SHARE = 0.5  # of the free memory: the threads' stacks need some, too
 _NO_CARD = 100  # cudaErrorNoDevice
 _USUAL_RATIO = 2  # of a card's floats to its doubles, computed in a second
-CUPY = "pip install 'cupy-cuda12x[ctk]' for drivers from 525 on, 'cupy-cuda13x[ctk]' for those from 580 on"
+CUPY = "pip install -r requirements/cuda12.txt for a driver from 525 on, or cuda13.txt for one from 580 on"
 
 
 class CudaDevice:
@@ -87,3 +89,11 @@ class CudaDevice:
                 problem = (str(error).splitlines() or [type(error).__name__])[0]
                 raise LibraryError(f"CuPy cannot compile ({problem}): {CUPY}") from None
         return self._functions[text]
+
+
+def on_cuda(warn: Callable[[str], None]) -> OnDevice:
+    """Return what makes runs on the first card; ``warn`` takes why it is slow. Raises as `CudaDevice`."""
+    device = CudaDevice()
+    if device.slow:
+        warn(device.slow)
+    return OnDevice(device, Batch())

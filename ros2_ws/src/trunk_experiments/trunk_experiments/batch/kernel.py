@@ -384,6 +384,10 @@ class OnDevice(Maker):
         self._device, self._lanes = device, Lanes(batch)
         self.left: Counter[str] = Counter()
 
+    def remarks(self) -> list[str]:
+        """Return a line for each reason why runs were made on the CPU."""
+        return [f"{count} runs were made on the CPU: {why}" for why, count in self.left.items()]
+
     def prepared(self, plan: RunPlan) -> tuple[Any, Any]:
         """Return a plan's kernel and start; or why it has none, and what lanes need."""
         if reason := unfit(plan):

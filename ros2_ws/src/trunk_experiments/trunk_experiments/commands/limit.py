@@ -21,7 +21,7 @@ from trunk_msgs_util.parameters.declarations import (
 from trunk_msgs_util.parameters.to_si import number_in, units_of
 
 from ..console.document import json_option, write_json
-from ..console.options import names_or_files, studies
+from ..console.options import device_option, names_or_files, studies
 from ..console.outputs import check_output, output_options
 from ..console.plan_options import ControllerName, parameter_options
 from ..console.progress import progress_bar
@@ -83,6 +83,7 @@ PlanOf = Callable[[str, str], RunPlan]  # of a controller, with a value
     show_default=True,
     help="With --study: how many values.",
 )
+@device_option
 @output_options("A folder for the two recordings on either side; with --study, the picture.")
 @json_option("limit-1")
 def command(
@@ -97,6 +98,7 @@ def command(
     settings: tuple[str, ...],
     study: str | None,
     points: int,
+    device: str,
     output: Path | None,
     force: bool,
     as_json: bool,
@@ -117,8 +119,10 @@ def command(
             )
         if vary is None:
             raise PlanError(f"--push {push}: with --study, give --vary disturbance.pulse.magnitude")
-        _study(study, vary, low, high, points, output, force, as_json)
+        _study(study, vary, low, high, points, device, output, force, as_json)
         return
+    if device != "cpu":
+        raise PlanError(f"--device {device}: it is for --study alone: leave it out")
     from ..study.limit import condition_lines, conditions_of
 
     make = partial(_plan, str(scenario), params, settings, vary, push)
@@ -283,8 +287,8 @@ def _shown(unit: str) -> tuple[str, float]:
 
 
 def _study(
-    name: str, vary: str, low: str, high: str, points: int, output: Path | None, force: bool,
-    as_json: bool,
+    name: str, vary: str, low: str, high: str, points: int, device: str, output: Path | None,
+    force: bool, as_json: bool,
 ) -> None:  # fmt: skip
     import numpy as np
 
@@ -296,6 +300,11 @@ def _study(
         from ..views.plots import SUFFIXES
 
         check_output(output, tuple(SUFFIXES), force, [name])
+    maker = None
+    if device == "cuda":
+        from ..batch.cuda import on_cuda
+
+        maker = on_cuda(lambda text: show_warnings([text]))
     study = read_study(name)
     node, _, parameter = vary.partition(".")
     plan = next(iter(make_bases(study).values()))
@@ -314,7 +323,8 @@ def _study(
 
         array, _, index = parameter.removesuffix("]").partition("[")
         target = Target(node, array, int(index) if index else None)
-        curves = survival(study, target, values, progress)
+        curves = survival(study, target, values, progress, maker)
+    show_warnings(maker.remarks() if maker else [])
     if output is not None:
         from ..study.map import draw_survival
         from ..views.plots import save, with_unit

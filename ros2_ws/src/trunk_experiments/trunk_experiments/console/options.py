@@ -76,6 +76,17 @@ def file_option(*names: str, help: str, metavar: str = "FILE") -> Callable[[Func
     return click.option(*names, type=click.Path(path_type=Path), metavar=metavar, help=help)
 
 
+def device_option(function: Function) -> Function:
+    """Add the option ``device``: what makes a study's runs."""
+    return click.option(
+        "--device",
+        type=click.Choice(("cpu", "cuda")),
+        default="cpu",
+        show_default=True,
+        help="Where runs are made: cuda, a GPU, gives the same bits; docs/gpu.md.",
+    )(function)
+
+
 def results_argument(function: Function) -> Function:
     """Add the argument ``results``: the Parquet file of a sweep."""
     kind = click.Path(path_type=Path, exists=True, dir_okay=False)

@@ -11,14 +11,14 @@ import numpy as np
 
 from trunk_msgs_util.units import seconds
 
-from ..batch.block import RunSummary, summaries
+from ..batch.block import Maker, RunSummary, summaries
 from ..batch.compiled_run import Batch
 from ..batch.lanes import LANES
 from ..errors import PlanError, StudyError
 from ..plans.plan import RunPlan
 from ..plans.pushes import UNITS, Push
 from .compare import Estimate, wilson
-from .rows import make_bases, outcomes
+from .rows import AT_ONCE, make_bases, outcomes
 from .study import StudySpec, Target, Variable, design
 
 PlanAt = Callable[[float], RunPlan]
@@ -173,11 +173,12 @@ def survival(
     target: Target,
     values: Sequence[float],
     progress: Progress = lambda runs: None,
+    maker: Maker | None = None,
 ) -> Mapping[str, Survival]:
     """Return a survival curve for each controller of a study: every run of it, with each value.
 
-    The study's draws are the same at every value. Raises StudyError if it varies the target itself, or if
-    the parameter takes none of the values.
+    The study's draws are the same at every value. ``maker``: that of `outcomes`. Raises StudyError if the
+    study varies the target itself, or if the parameter takes none of the values.
     """
     name = "limit"
     taken = [str(t) for v in study.variables for t in v.targets]
@@ -188,9 +189,10 @@ def survival(
     )
     bases = make_bases(varied)
     counts: dict[str, dict[float, list[int]]] = {}
-    for first in range(0, varied.total, study.block):
-        columns = design(varied, first, min(first + study.block, varied.total))
-        ended, fall_angles = outcomes(varied, bases, columns)
+    at_once = study.block if maker is None else max(study.block, AT_ONCE)
+    for first in range(0, varied.total, at_once):
+        columns = design(varied, first, min(first + at_once, varied.total))
+        ended, fall_angles = outcomes(varied, bases, columns, maker)
         for i, reason in ended.refused.items():
             raise StudyError(f"{study.source}: run {columns['run'][i]}: {reason}")
         farthest = np.maximum(ended.metric("theta_max_deg"), -ended.metric("theta_min_deg"))

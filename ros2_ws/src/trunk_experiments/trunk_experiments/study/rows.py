@@ -67,6 +67,7 @@ _NOISE = {
 }
 _WITHOUT_EFFECT = ("lockstep.", "wait_for", "joints")
 
+AT_ONCE = 131_072  # runs on a device: with fewer, some of a large card's cores would be idle
 Columns = Mapping[str, list[Any]]  # of rows, by name, as `design` returns them
 Row = Mapping[str, Any]
 # What runs start from, by controller's label and the values of the structural variables: plans before

@@ -11,7 +11,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from itertools import islice
@@ -29,10 +29,11 @@ from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.provenance import ARITHMETIC, OF_MACHINE, gather, packages_of_laws
 
 from ..analysis.metrics import RunMetrics
+from ..batch.block import Maker
 from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
 from ..errors import StudyError, SweepError
 from ..plans.nodes import CONTROLLERS
-from .rows import Bases, difference, digest, identity, make_bases, outcomes, plans_json
+from .rows import AT_ONCE, Bases, difference, digest, identity, make_bases, outcomes, plans_json
 from .study import StudySpec, design
 
 METRICS = tuple(RunMetrics.__dataclass_fields__)
@@ -67,9 +68,9 @@ def sources() -> str:
     return f"{code}-{json.dumps(libraries, sort_keys=True)}"
 
 
-def run_block(block: RunBlock) -> pa.Table:
-    """Return a block's rows with their results."""
-    ended, _ = outcomes(block.study, block.bases, block.columns)
+def run_block(block: RunBlock, maker: Maker | None = None) -> pa.Table:
+    """Return a block's rows with their results; ``maker``: that of `outcomes`."""
+    ended, _ = outcomes(block.study, block.bases, block.columns, maker)
     arrays = {name: pa.array(values, _type(name, values)) for name, values in block.columns.items()}
     status = np.where(np.isnan(ended.diverged_at), "ok", "diverged").astype(object)
     status[list(ended.refused)] = "refused"
@@ -251,6 +252,27 @@ def processes(count: int) -> Runner:
 
 def _indexed(block: RunBlock) -> tuple[int, pa.Table]:
     return block.index, run_block(block)
+
+
+def device_runner(maker: Maker) -> Runner:
+    """Return a runner in this process whose maker makes many blocks at once."""
+
+    def run(blocks: Iterable[RunBlock]) -> Iterator[tuple[int, pa.Table]]:
+        left = iter(blocks)
+        while block := next(left, None):
+            several = [block, *islice(left, AT_ONCE // block.study.block)]
+            columns = {
+                name: [value for part in several for value in part.columns[name]]
+                for name in block.columns
+            }
+            table = run_block(replace(block, columns=columns), maker)
+            first = 0
+            for part in several:
+                count = len(part.columns["run"])
+                yield part.index, table.slice(first, count)
+                first += count
+
+    return run
 
 
 def dask_runner(address: str) -> Runner:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 import click
 
 from ...analysis.metrics import QUANTITIES
 from ...console.document import json_option, write_json
-from ...console.options import names_or_files, studies
+from ...console.options import device_option, names_or_files, studies
 from ...console.progress import progress_bar
 from ...console.tables import print_table
 from ...console.terminal import show_warnings
@@ -43,8 +42,11 @@ _HEADER = ("parameter", "first order [95 %]", "total [95 %]")
     type=click.IntRange(1, 1024),
     help="Processes on this machine.  [default: one per core]",
 )
+@device_option
 @json_option("study-sensitivity-1")
-def command(study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_json: bool) -> None:
+def command(
+    study: str, n: int, metrics: tuple[str, ...], jobs: int | None, device: str, as_json: bool
+) -> None:
     """Show which drawn parameter of STUDY matters: Sobol indices over its distributions.
 
     First order: the share of a metric's variance due to a parameter alone. Total: its interactions with all
@@ -53,7 +55,7 @@ def command(study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_j
     from ...study.rows import make_bases
     from ...study.sensitivity import check_sensitivity, sensitivities, total_runs
     from ...study.study import read_study
-    from ...study.sweep import processes
+    from .sweep import runner_on
 
     read = read_study(study)
     wanted = tuple(dict.fromkeys(metrics)) or _METRICS
@@ -61,9 +63,10 @@ def command(study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_j
     bases = make_bases(read)
     show_warnings(dict.fromkeys(text for base in bases.values() for text in base.warnings))
     runs = total_runs(read, n)
-    workers = max(1, min(jobs or len(os.sched_getaffinity(0)), -(-runs // read.block)))
+    runner, maker = runner_on(device, jobs, None, -(-runs // read.block))
     with progress_bar("runs") as tell:
-        results = sensitivities(read, bases, n, wanted, processes(workers), tell)
+        results = sensitivities(read, bases, n, wanted, runner, tell)
+    show_warnings(maker.remarks() if maker else [])
     if as_json:
         values = {
             "study": study,

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING
 import click
 
 from ...console.document import json_option, write_json
-from ...console.options import names_or_files, studies
+from ...console.options import device_option, names_or_files, studies
 from ...console.outputs import check_output, output_options
 from ...console.progress import progress_bar
 from ...console.terminal import show_warnings
+from ...errors import PlanError
 
 if TYPE_CHECKING:
-    from ...study.sweep import SweepJob
+    from ...batch.kernel import OnDevice
+    from ...study.sweep import Runner, SweepJob
 
 
 @click.command("sweep")
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     metavar="tcp://HOST:PORT",
     help="Run the blocks on an existing Dask cluster; needs requirements/cluster.txt.",
 )
+@device_option
 @click.option("--check", is_flag=True, help="Only check the study and say what it would run.")
 @json_option("sweep-1")
 def command(
@@ -40,6 +43,7 @@ def command(
     force: bool,
     jobs: int | None,
     scheduler: str | None,
+    device: str,
     check: bool,
     as_json: bool,
 ) -> None:
@@ -58,7 +62,7 @@ def command(
         outcomes = None
         line = f"{study}: {sweep.study.total} runs in {sweep.blocks} blocks"
     else:
-        outcomes = run_sweep(sweep, jobs, scheduler)
+        outcomes = run_sweep(sweep, jobs, scheduler, device)
         line = ended(sweep, outcomes)
     if as_json:
         values = {
@@ -80,23 +84,20 @@ def ended(sweep: SweepJob, outcomes: Mapping[str, int]) -> str:
 
 
 def run_sweep(
-    sweep: SweepJob, jobs: int | None = None, scheduler: str | None = None
+    sweep: SweepJob,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    device: str = "cpu",
 ) -> dict[str, int]:
     """Run a sweep, or the rest of an interrupted one, showing progress; return the count of each outcome."""
-    from ...study.sweep import outcome_counts, processes
+    from ...study.sweep import outcome_counts
 
+    runner, maker = runner_on(device, jobs, scheduler, sweep.blocks)
     total = sweep.study.total
     done = sweep.start()
     show_warnings(sweep.warnings)
     if done:
         click.echo(f"resuming: {done} of {total} runs are done", err=True)
-    if scheduler is None:
-        missing = len(sweep.missing)
-        runner = processes(max(1, min(jobs or len(os.sched_getaffinity(0)), missing)))
-    else:
-        from ...study.sweep import dask_runner
-
-        runner = dask_runner(scheduler)
     with progress_bar("runs") as tell:
         tell(done, total)
 
@@ -107,4 +108,27 @@ def run_sweep(
 
         sweep.run(runner, progress)
     sweep.finish()
+    show_warnings(maker.remarks() if maker else [])
     return dict(outcome_counts(sweep.output))
+
+
+def runner_on(
+    device: str, jobs: int | None, scheduler: str | None, blocks: int
+) -> tuple[Runner, OnDevice | None]:
+    """Return what runs at most so many blocks, and what makes them if it is a device.
+
+    Raises PlanError for options that exclude one another, and as `on_cuda` does.
+    """
+    from ...study.sweep import dask_runner, device_runner, processes
+
+    if device == "cuda":
+        if jobs is not None or scheduler is not None:
+            other = "--jobs" if jobs is not None else "--scheduler"
+            raise PlanError(f"--device cuda: one process uses the card: leave {other} out")
+        from ...batch.cuda import on_cuda
+
+        maker = on_cuda(lambda text: show_warnings([text]))
+        return device_runner(maker), maker
+    if scheduler is not None:
+        return dask_runner(scheduler), None
+    return processes(max(1, min(jobs or len(os.sched_getaffinity(0)), blocks))), None
