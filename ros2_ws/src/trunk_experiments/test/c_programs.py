@@ -138,14 +138,11 @@ def same(a: Sequence[Any], b: Sequence[Any]) -> bool:
 
 def leaves(program: Program, t: Type, path: str = "") -> Iterator[tuple[str, Scalar]]:
     """Yield the numbers in values of a type: their paths in C, and their types."""
-    if isinstance(t, RecordType):
-        for i, inner in enumerate(t.types):
-            if at_run_time(inner):
-                yield from leaves(program, inner, f"{path}.{program.field(t, i)}")
-    elif isinstance(t, Scalar):
-        yield path, t
-    elif not isinstance(t, TableType):
-        raise TypeError(t)
+    for place, inner in program.places(t, path):
+        if isinstance(inner, Scalar):
+            yield place, inner
+        elif not isinstance(inner, TableType):
+            raise TypeError(inner)
 
 
 def _flat(value: Any, t: Type) -> Iterator[Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter, defaultdict
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from struct import pack
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from trunk_experiments.analysis.metrics import MetricNumbers, metrics_from
+from trunk_experiments.batch import kernel as kernel_module
 from trunk_experiments.batch.block import RunSummary, summary_of
 from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.batch.kernel import (
@@ -335,20 +337,21 @@ def test_several_controllers_are_unfit():
 
 
 def test_a_law_outside_of_the_subset_is_unfit(monkeypatch):
-    def rounded(out, row, *others):
-        out[row, 0] = round(row / 2)
+    def rounded(before, effort, plant):
+        return round(before + effort)
 
-    monkeypatch.setattr("trunk_experiments.batch.kernel.torque_of", rounded)
-    monkeypatch.setattr("trunk_experiments.batch.kernel._kernel", uncached())
-    reason = unfit(make_plan("fig8", "pid"))
-    assert reason.startswith("pid: ")
-    assert "\n" not in reason
-
-
-def uncached():
-    from trunk_experiments.batch import kernel
-
-    return kernel._kernel.__wrapped__
+    tried = []
+    translated = kernel_module._translated
+    monkeypatch.setattr(kernel_module, "torque_of", rounded)
+    monkeypatch.setattr(kernel_module, "_kernel", cache(kernel_module._kernel.__wrapped__))
+    monkeypatch.setattr(
+        kernel_module, "_translated", lambda *of: tried.append(of) or translated(*of)
+    )
+    reasons = [unfit(make_plan("fig8", "pid")) for _ in range(3)]
+    assert reasons[0].startswith("pid: ")
+    assert "round(before + effort): rounds halves to even numbers" in reasons[0]
+    assert "\n" not in reasons[0]
+    assert len(set(reasons)) == len(tried) == 1
 
 
 def test_the_text_is_what_nvrtc_takes(drawn):

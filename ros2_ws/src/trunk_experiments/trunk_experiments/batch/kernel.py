@@ -158,11 +158,21 @@ class Kernel:
 
 def kernel_of(law: str, start: Start) -> Kernel:
     """Return the kernel of a law and of the types in a start. Raises UntranslatableError."""
-    return _kernel(law, type_of(_example(start)))
+    kernel = _kernel(law, type_of(_example(start)))
+    if isinstance(kernel, UntranslatableError):
+        raise kernel
+    return kernel
 
 
 @cache
-def _kernel(name: str, start: RecordType) -> Kernel:
+def _kernel(name: str, start: RecordType) -> Kernel | UntranslatableError:
+    try:
+        return _translated(name, start)
+    except UntranslatableError as error:
+        return error
+
+
+def _translated(name: str, start: RecordType) -> Kernel:
     parts = [template(part) for part in ("pcg64.h", "kernel.h")]
     program = Program()
     if any(isinstance(t, Array) for _, t in program.places(start.types[3], "")):
