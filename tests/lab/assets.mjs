@@ -3,7 +3,7 @@ import fs from "node:fs";
 import path from "node:path";
 
 const FILES = [
-  ...["random_bits", "python_numbers", "engine"],
+  ...["python_numbers", "engine"],
   ...["bytes", "crc32", "blake2b", "cdr", "mcap", "recording_writer", "recorder"],
 ];
 

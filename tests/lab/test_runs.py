@@ -14,7 +14,6 @@ from trunk_experiments.lab.wasm import missing_tools
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.units import nanoseconds
-from trunk_sim.noise import random_bits
 
 from .experiments import (
     ASSETS,
@@ -85,14 +84,6 @@ def test_metrics_are_those_of_the_recording(case, tmp_path):
         assert result["metrics"] == {"values": expected, "failure": ""}, (law, setup)
         compared += 1
     assert compared >= 3
-
-
-@pytest.mark.parametrize("seed", [0, 1, 12345, 2**32, 2**53 - 1])
-def test_random_bits_are_numpys(seed):
-    script = f"{(ASSETS / 'random_bits.js').read_text()}\nconst next = randomBits({seed});\n"
-    script += "console.log(JSON.stringify(Array.from({ length: 200 }, () => String(next()))))"
-    done = subprocess.run([NODE, "-e", script], capture_output=True, text=True, check=True)
-    assert list(map(int, json.loads(done.stdout))) == random_bits(seed, 0, 100).reshape(-1).tolist()
 
 
 def test_what_is_no_knob_is_refused_in_one_line(case):

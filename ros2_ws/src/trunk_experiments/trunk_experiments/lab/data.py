@@ -344,7 +344,7 @@ def _packed(data: bytes) -> str:
 
 _ASSETS = files(__package__) / "assets"
 # Before the parts: what stands in the place of a connection. Behind them: what a lab alone has.
-_COMPUTING = ("random_bits.js", "python_numbers.js", "engine.js")
+_COMPUTING = ("python_numbers.js", "engine.js")
 _CODING = ("bytes.js", "crc32.js", "blake2b.js", "cdr.js", "mcap.js")
 _RECORDING = (*_CODING, "recording_writer.js", "recorder.js")
 _FEED = (*_COMPUTING, *_RECORDING, "setup.js", "feed.js")

@@ -15,13 +15,13 @@ from trunk_control.laws import law_named
 from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.disturbances import Disturbance, disturbance_at
-from trunk_sim.noise import fill
+from trunk_sim.noise import standard_normal
 from trunk_sim.simulation import too_far
 from trunk_sim.step import Measurement, Plant, PlantStatus, at_rest, torque_of
 
 from ..analysis.metrics import Measured, no_rows, numbers_of, steady_from, with_rows
 from ..batch.compiled_run import start_of_loop
-from ..export_c.program import Translated
+from ..export_c.program import Translated, template
 from ..export_c.translate import Program, indented
 from ..export_c.types import (
     INTEGER,
@@ -367,13 +367,16 @@ class LabProgram:
         self._export("void *metrics(void)", call, "return &numbers;")
 
     def _noise(self) -> None:
-        """Add the samples of random bits: ``noise`` from ``bits``."""
-        f = self._program.function(fill, [Array(INTEGER, 1), Array(REAL, 1)])
-        count = 2 * CHUNK
-        self._static("bits", np.zeros(count, np.int64))
-        self._statics.append(f"static Reals samples = {{noise_data, {count}}};")
-        self._export("int64_t *bits_of(void)", "return bits_data;")
-        self._export("void draw(void)", f"{f.name}(bits, samples);")
+        """Add the sensors' samples: ``seed``, then ``draw`` for the next of them, into ``noise``."""
+        f = self._program.function(standard_normal, [INTEGER])
+        self._statics += [template("pcg64.h"), "static Generator generator;"]
+        self._export("void seed(int32_t number)", "generator = seeded(number);")
+        self._export(
+            "void draw(int32_t count)",
+            "for (int32_t i = 0; i < count; i++) {",
+            f"    noise_data[i] = {f.name}(random_bits(&generator));",
+            "}",
+        )
 
     def _rules(self, config: RuleBaseConfig) -> None:
         """Add which rules fire: ``rules``."""

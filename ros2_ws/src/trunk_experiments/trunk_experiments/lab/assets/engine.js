@@ -79,7 +79,7 @@ class Engine {
   #code;
   #fresh; // the memory before the first state
   #view;
-  #noise = { seed: null, samples: null, count: 0, draw: null };
+  #noise = { samples: null, count: 0 };
 
   constructor(lab, name, code) {
     this.lab = lab;
@@ -238,19 +238,18 @@ class Engine {
     const { noise } = this.lab;
     this.noisy = noise.some((place) => this.#view.getFloat64(this.#code.place_of(place), true) !== 0);
     const seed = this.setup.values.simulator?.["sensor.seed"] ?? this.lab.nodes.simulator.parameters["sensor.seed"];
-    if (this.#noise.seed !== seed) this.#noise = { seed, samples: new Float64Array(2 * this.states), count: 0, next: randomBits(seed) };
+    this.#noise = { samples: new Float64Array(2 * this.states), count: 0 };
+    this.#code.seed(seed);
     if (!this.noisy) this.#doubles(this.#code.noise_of(), 2 * this.lab.chunk).fill(0);
   }
 
-  // The samples of the states before `stop`, two for each; drawn once for a seed.
+  // The samples of the states before `stop`, two for each.
   #samples(stop) {
     const noise = this.#noise;
     const { chunk } = this.lab;
     while (noise.count < stop) {
       const rows = Math.min(chunk, this.states - noise.count);
-      const bits = new BigInt64Array(this.#code.memory.buffer, this.#code.bits_of(), 2 * chunk);
-      for (let i = 0; i < 2 * rows; i++) bits[i] = noise.next();
-      this.#code.draw();
+      this.#code.draw(2 * rows);
       noise.samples.set(this.#doubles(this.#code.noise_of(), 2 * rows), 2 * noise.count);
       noise.count += rows;
     }
