@@ -15,7 +15,7 @@ from trunk_experiments.console.tables import print_table
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.node import middleware
 
-from . import core, exported, gym, lanes, nodes, read, sweep
+from . import core, exported, gpu, gym, lanes, nodes, read, sweep
 from .harness import Row
 
 BENCHMARKS: dict[str, Callable[..., list[Row]]] = {
@@ -23,6 +23,7 @@ BENCHMARKS: dict[str, Callable[..., list[Row]]] = {
     "lanes": lanes.compare,
     "sweep": sweep.compare,
     "gym": gym.compare,
+    "gpu": gpu.compare,
     "read": read.compare,
     "export": exported.compare,
     "lockstep": nodes.lockstep,

@@ -66,7 +66,8 @@ class Cupy:
         )
         attributes = {"SingleToDoublePrecisionPerfRatio": ratio}
         self.cuda = SimpleNamespace(
-            runtime=runtime, Device=lambda card: SimpleNamespace(attributes=attributes)
+            runtime=runtime,
+            Device=lambda card=0: SimpleNamespace(attributes=attributes, synchronize=lambda: None),
         )
 
     def _count(self):

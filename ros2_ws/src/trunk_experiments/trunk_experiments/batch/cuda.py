@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any
@@ -25,10 +26,15 @@ CUPY = "pip install -r requirements/cuda12.txt for a driver from 525 on, or cuda
 class CudaDevice:
     """The first card that CUDA shows. ``slow``: why it takes longer than others, empty if it does not.
 
+    ``threads``: in a block. ``memory``: bytes for the words of runs; None: half of what is free.
+    ``seconds``: for how long it has computed.
+
     Raises NotInstalledError without CuPy, LibraryError without a card that CuPy can use.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, threads: int = BLOCK, memory: int | None = None) -> None:
+        self._threads, self._memory = threads, memory
+        self.seconds = 0.0
         try:
             self._cupy: Any = import_module("cupy")
         except ImportError:
@@ -51,7 +57,7 @@ class CudaDevice:
             self.slow += (
                 f", not at 1/{_USUAL_RATIO}: expect some {ratio // _USUAL_RATIO} times as long"
             )
-        self._functions: dict[str, Any] = {}
+        self.texts: dict[str, Any] = {}
 
     def run(self, kernel: Kernel, words: Words) -> Computed:
         """Return the outcomes of the runs that the words stand for; at a time as many as the memory holds."""
@@ -62,7 +68,7 @@ class CudaDevice:
         self._cupy.get_default_memory_pool().free_all_blocks()
         free, _ = self._cupy.cuda.runtime.memGetInfo()
         bytes_a_run = 8 * (len(words.own) + words.memory_size + len(fates) + count)
-        longest = max(int(_SHARE * free / bytes_a_run), BLOCK)
+        longest = max((self._memory or int(_SHARE * free)) // bytes_a_run, self._threads)
         for first in range(0, words.runs, longest):
             runs = slice(first, min(first + longest, words.runs))
             fates[:, runs], metrics[:, runs] = self._part(function, words.part(runs), common)
@@ -76,19 +82,22 @@ class CudaDevice:
         metrics = self._cupy.empty((len(MetricNumbers._fields), words.runs))
         sizes = np.int64(words.runs), np.int64(words.memory_size)
         arrays = rows, shared, own, elements, memory, fates, metrics
-        function((-(-words.runs // BLOCK),), (BLOCK,), (*sizes, *arrays))
+        begun = time.perf_counter()
+        function((-(-words.runs // self._threads),), (self._threads,), (*sizes, *arrays))
+        self._cupy.cuda.Device().synchronize()
+        self.seconds += time.perf_counter() - begun
         return fates.get(), metrics.get()
 
     def _function(self, text: str) -> Any:
         """Return a text's function, compiled. Raises LibraryError where CuPy finds no compiler."""
-        if text not in self._functions:
+        if text not in self.texts:
             module = self._cupy.RawModule(code=text, options=OPTIONS)
             try:
-                self._functions[text] = module.get_function("summarise_all")
+                self.texts[text] = module.get_function("summarise_all")
             except (ImportError, OSError, RuntimeError) as error:
                 problem = (str(error).splitlines() or [type(error).__name__])[0]
                 raise LibraryError(f"CuPy cannot compile ({problem}): {CUPY}") from None
-        return self._functions[text]
+        return self.texts[text]
 
 
 def on_cuda(warn: Callable[[str], None]) -> OnDevice:
