@@ -44,6 +44,9 @@ for study in actuator network delay_gain; do
     trunk study map "$runs/$study.parquet" -o "$images/$study.png" --force
 done
 
+trunk sweep basin -o "$runs/basin.parquet"
+trunk study map "$runs/basin.parquet" --metric iae --no-floquet -o "$images/basin.png" --force
+
 python scripts/push_picture.py "$browser" "$images/push.gif" "$images/live.png"
 python - "$browser" "$runs" "$images" <<'END'
 import sys

@@ -16,6 +16,7 @@ OWN = {path.name for path in PACKAGES}
 ROSDEP = yaml.safe_load((ROOT / "requirements" / "rosdep.yaml").read_text(encoding="utf-8"))
 LIST_OF = {module: name for name, modules in ROSDEP["wheels"].items() for module in modules}
 DISTRIBUTIONS = {
+    "cupy": "cupy-cuda12x",
     "axe_playwright_python": "axe-playwright-python",
     "foxglove": "foxglove-sdk",
     "fuzzylite": "pyfuzzylite",

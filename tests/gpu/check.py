@@ -131,15 +131,16 @@ def differing(a: Outcomes, b: Outcomes) -> int:
     return int(differ.any(axis=0).sum()) + len(reasons)
 
 
-def devices(cpp: Path | None) -> Iterator[tuple[str, Any]]:
+def devices(folder: Path, cpp: bool) -> Iterator[tuple[str, Any]]:
     """Yield the devices that must agree, each by what it does."""
-    if cpp is not None:
-        yield "as it comes", CppDevice(cpp)
-        yield "blocks of 7 threads", CppDevice(cpp, block=7)
+    if cpp:
+        yield "as it comes", CppDevice(folder)
+        yield "blocks of 7 threads", CppDevice(folder, block=7)
         return
     yield "as it comes", CudaDevice()
-    for threads in (32, 256):
-        yield f"compiled again, blocks of {threads} threads", CudaDevice(threads=threads)
+    os.environ["CUPY_CACHE_DIR"] = str(folder)  # where nothing is kept yet
+    yield "compiled again, blocks of 32 threads", CudaDevice(threads=32)
+    yield "blocks of 256 threads", CudaDevice(threads=256)
     yield "in parts of 1 MB", CudaDevice(memory=1_000_000)
 
 
@@ -156,7 +157,7 @@ def main(studies: int, runs: int, cpp: bool) -> None:
     print(f"{studies} random studies of {runs} runs in lanes: {time.perf_counter() - begun:.0f} s")
     wrong = 0
     with tempfile.TemporaryDirectory() as folder:
-        for words, device in devices(Path(folder) if cpp else None):
+        for words, device in devices(Path(folder), cpp):
             begun, left, differ, texts = time.perf_counter(), Counter[str](), 0, set[str]()
             for index in range(studies):
                 maker = OnDevice(device, Batch())

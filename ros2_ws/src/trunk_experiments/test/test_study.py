@@ -146,7 +146,7 @@ def test_mistakes(text, line):
 def test_no_such_study():
     with pytest.raises(
         StudyError,
-        match=r"no study 'nix': there is no such file: give one, or one of actuator, delay_gain",
+        match=r"no study 'nix': there is no such file: give one, or one of actuator, basin, delay_gain",
     ):
         read_study("nix")
 

@@ -101,7 +101,7 @@ class CudaDevice:
 
 
 def on_cuda(warn: Callable[[str], None]) -> OnDevice:
-    """Return what makes runs on the first card; ``warn`` takes why it is slow. Raises as `CudaDevice`."""
+    """Return the maker of runs on the first card; ``warn`` takes why it is slow. Raises as `CudaDevice`."""
     device = CudaDevice()
     if device.slow:
         warn(device.slow)

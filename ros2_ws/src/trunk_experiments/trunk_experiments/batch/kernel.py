@@ -279,7 +279,7 @@ def words_of(kernel: Kernel, parts: Sequence[tuple[Start, int]]) -> Words:
         common.append(words[0])
         if len(words) > 1:
             own.append(words)
-    delay = max(int(np.max(_plain(start.surroundings.delay_steps))) for start, _ in parts)
+    delay = max(start.surroundings.delay_steps for start, _ in parts)
     return Words(
         sum(counts),
         np.array(rows, np.int32),
@@ -381,7 +381,7 @@ class Device(Protocol):
     """What computes the runs of kernels."""
 
     def run(self, kernel: Kernel, words: Words) -> Computed:
-        """Return what became of the runs that the words stand for."""
+        """Return the fates of the runs that the words stand for."""
 
 
 class OnDevice(Maker):

@@ -115,7 +115,7 @@ def run_sweep(
 def runner_on(
     device: str, jobs: int | None, scheduler: str | None, blocks: int
 ) -> tuple[Runner, OnDevice | None]:
-    """Return what runs at most so many blocks, and what makes them if it is a device.
+    """Return the runner of at most so many blocks, and the maker of their runs if it is a device.
 
     Raises PlanError for options that exclude one another, and as `on_cuda` does.
     """
