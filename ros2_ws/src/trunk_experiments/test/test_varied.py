@@ -98,7 +98,8 @@ ENTRIES = {
     "noise": "{parameter: simulator.sensor.position_noise, distribution: choice, values: [0.0, 0.01]}",
     "delay": "{parameter: simulator.sensor.delay, distribution: uniform, low: 0, high: 0.05}",
     "pulse": "{parameter: disturbance.pulse.magnitude, distribution: normal, mean: 0, std: 1}",
-    "start": "{parameter: disturbance.pulse.duration, distribution: uniform, low: 0, high: 0.2}",
+    "start": "{parameter: 'disturbance.pulse.start_times[0]', distribution: uniform, low: 0, high: 0.2}",
+    "width": "{parameter: disturbance.pulse.duration, distribution: uniform, low: 0, high: 0.2}",
     "level": "{parameter: controller.reference.value, distribution: uniform, low: -1, high: 1}",
     "limit": "{parameter: controller.u_clamp_max, distribution: uniform, low: -90, high: 500}",
     "gain": "{parameter: pid.gains.d, distribution: loguniform, low: 0.1, high: 10000}",
@@ -138,7 +139,7 @@ def each_alone(study, bases, columns):
     [
         ("mass", "angle", "pulse"),
         ("noise", "delay", "level", "gain"),
-        ("lag", "words", "start"),
+        ("lag", "words", "start", "width"),
         ("limit", "box", "angle"),
         ("range", "random", "fall"),
         ("band", "mass"),

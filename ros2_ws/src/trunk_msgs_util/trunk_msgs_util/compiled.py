@@ -29,6 +29,7 @@ from types import CodeType, FunctionType
 from typing import Any, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 
@@ -54,12 +55,19 @@ def with_arrays(record: Record) -> Record:
         return record
     fields: Any = record
     made: Record = fields._make(
-        np.array(value, dtype=np.int64 if name in _INTEGERS else np.float64)
+        _array(value, np.int64 if name in _INTEGERS else np.float64)
         if type(value) is tuple
         else with_arrays(value)
         for name, value in zip(fields._fields, fields, strict=True)
     )
     return made
+
+
+def _array(values: tuple[Any, ...], kind: type[np.int64 | np.float64]) -> NDArray[Any]:
+    try:
+        return np.array(values, dtype=kind)
+    except TypeError:  # numbers of many runs among them
+        return np.array(values, dtype=object)
 
 
 def call_graph(function: Callable[..., Any]) -> list[FunctionType]:

@@ -45,7 +45,7 @@ from .lanes import (
     row_values,
     shared,
 )
-from .varied import Rows, Varied, each_run
+from .varied import Rows, Varied, each_run, varies
 
 MAX_STATES = 20_000_000  # of a compiled run, all in memory: 1.8 GB
 
@@ -151,10 +151,7 @@ class Lanes(Maker):
         """Return the key of runs that can share a block, and these runs; None: they are made one by one."""
         check_compilable(plan)
         regular = regular_run(plan)
-        if regular is None:
-            return None
-        inputs_of(regular, 0)
-        return (plan.controller_name, key_of(regular)), regular
+        return None if regular is None else ((plan.controller_name, key_of(regular)), regular)
 
     def finish(
         self,
@@ -362,9 +359,16 @@ class SeriesInputs(NamedTuple):
 
 
 def inputs_of(regular: Regular, count: int) -> Iterable[SeriesInputs]:
-    """Return the inputs of each of a plan's runs. Raises TypeError where their tables differ."""
+    """Return the inputs of each of a plan's runs."""
+    records = regular.profile, regular.signals
+    if any(isinstance(part, tuple) and varies(part) for record in records for part in record or ()):
+        runs = each_run((*records, regular.seed), count)  # whose tables differ
+        return (
+            SeriesInputs(profile, signals, seed, (with_arrays(profile), with_arrays(signals)))
+            for profile, signals, seed in runs
+        )
     arrays = with_arrays(regular.profile), with_arrays(regular.signals)
-    return each_run(SeriesInputs(regular.profile, regular.signals, regular.seed, arrays), count)
+    return each_run(SeriesInputs(*records, regular.seed, arrays), count)
 
 
 def series_of(common: Common, runs: Sequence[SeriesInputs]) -> LaneSeries:
