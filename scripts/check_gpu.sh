@@ -5,10 +5,10 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null
 source scripts/env.sh
-# CUDA 13 needs driver 580.
-driver=$(nvidia-smi --query-gpu=driver_version --format=csv,noheader -i 0)
+# CUDA 13 needs driver 580 and compute capability 7.5.
+IFS=', ' read -r driver capability < <(nvidia-smi --query-gpu=driver_version,compute_cap --format=csv,noheader -i 0)
 version=12
-((${driver%%.*} < 580)) || version=13
+((${driver%%.*} < 580 || ${capability/./} < 75)) || version=13
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 bash scripts/install.sh python "requirements/cuda$version.txt" "$log"

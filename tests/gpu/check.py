@@ -138,10 +138,14 @@ def devices(folder: Path, cpp: bool) -> Iterator[tuple[str, Any]]:
         yield "blocks of 7 threads", CppDevice(folder, block=7)
         return
     yield "as it comes", CudaDevice()
-    os.environ["CUPY_CACHE_DIR"] = str(folder)  # where nothing is kept yet
+    import cupy
+
+    os.environ["CUPY_CACHE_DIR"] = str(folder)  # where nothing is kept yet, nor in memory
+    cupy.clear_memo()
     yield "compiled again, blocks of 32 threads", CudaDevice(threads=32)
     yield "blocks of 256 threads", CudaDevice(threads=256)
     yield "in parts of 1 MB", CudaDevice(memory=1_000_000)
+    del os.environ["CUPY_CACHE_DIR"]
 
 
 @click.command()

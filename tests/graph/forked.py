@@ -6,6 +6,7 @@ imports, more than half of a node's start, are not repeated.
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -95,6 +96,7 @@ def _begin(command: list[str], environment: dict[str, str], folder: Path, name: 
         os.close(file)
     sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
     sys.stderr = open(2, "w", 1, errors="backslashreplace", closefd=False)  # noqa: SIM115
+    faulthandler.enable(sys.stderr)
     sys.argv = command
     package, executable = Path(command[0]).parts[-2:]
     sys.exit(getattr(import_module(f"{package}.executables"), executable)())

@@ -76,7 +76,13 @@ class Child:
 
     def wait(self) -> int:
         """Return the exit code, once the process has ended."""
-        until(lambda: self.process.poll() is not None, f"{self.name} ends\n{self.stderr}", 0.002)
+        try:
+            until(lambda: self.process.poll() is not None, f"{self.name} ends", 0.002)
+        except BaseException as error:
+            if isinstance(self.process, Forked) and self.process.poll() is None:
+                self.send(signal.SIGABRT)  # it writes down where it is
+                self.process.wait()
+            raise AssertionError(f"{self.name} does not end\n{self.stderr}") from error
         assert self.process.returncode is not None
         return self.process.returncode
 

@@ -36,7 +36,9 @@ def test_a_hand_on_one_trunk_pushes_all(opened, lab, pane):
     assert page.evaluate(
         "() => wire.engines.every((e) => e.count <= Math.round(view.time * 1000) + 2)"
     )
-    assert page.inner_text("[data-value=push]").endswith("N·m")
+    page.wait_for_function(
+        "() => document.querySelector('[data-value=push]').innerText.endsWith('N·m')"
+    )
     page.mouse.up()
     whole(page)
     pushes = setup(page)["pushes"]

@@ -45,6 +45,10 @@ class CardError(RuntimeError):
         self.status = status
 
 
+class CompileError(Exception):
+    """CuPy's own, of no family."""
+
+
 class OnCard(np.ndarray):
     """An array of CuPy's."""
 
@@ -91,7 +95,7 @@ class Cupy:
     def _function(self, code, name):
         assert name == "summarise_all"
         if self._fault:
-            raise RuntimeError(self._fault)
+            raise CompileError(self._fault)
 
         def launch(grid, block, given):
             self.launches.append((*grid, *block))

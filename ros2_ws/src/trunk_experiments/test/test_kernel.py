@@ -21,15 +21,16 @@ from trunk_experiments.batch.kernel import (
     UNSOUND,
     UNSTABLE,
     Kernel,
+    fitted,
     kernel_of,
     start_of_run,
-    unfit,
     words_of,
 )
 from trunk_experiments.batch.varied import Varied
+from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.loop_inputs import states_of
+from trunk_experiments.runs.loop_inputs import check_compilable, states_of
 from trunk_sim.step import noisy
 
 from .cpp_device import COMPILER, FLAGS, CppDevice
@@ -65,6 +66,16 @@ def summary_in(outcomes, run):
     if outcomes.fates[run] == UNSTABLE:
         return RunSummary(None, numbers[0])
     return RunSummary(metrics_from(MetricNumbers(*numbers)))
+
+
+def unfit(plan):
+    """Return why a plan fits no kernel, empty if it does."""
+    try:
+        check_compilable(plan)
+    except PlanError as error:
+        return str(error)
+    fit = fitted(plan)
+    return fit if isinstance(fit, str) else ""
 
 
 def bits(summary):

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from trunk_experiments.batch.block import summaries
 from trunk_experiments.batch.varied import SplitError, Varied, by_path, each_run
-from trunk_experiments.errors import PlanError
+from trunk_experiments.errors import PlanError, StudyError
 from trunk_experiments.study import rows
+from trunk_experiments.study.limit import survival
 from trunk_experiments.study.rows import (
     make_bases,
     outcomes,
@@ -22,7 +23,7 @@ from trunk_experiments.study.rows import (
     rows_of,
     shared_batch,
 )
-from trunk_experiments.study.study import design, parse_study
+from trunk_experiments.study.study import Target, design, parse_study
 from trunk_msgs_util.parameters.declarations import ParameterError
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -169,3 +170,31 @@ def test_a_study_of_doubles_makes_no_plan_of_its_own_for_a_row(monkeypatch):
     monkeypatch.setattr(rows, "plan_of", lambda *given: plans.append(plan_of(*given)) or plans[-1])
     outcomes(study, bases, columns)
     assert len(plans) < study.total / 3
+
+
+@pytest.mark.parametrize("how", ["values: [2, 2.0]", "distribution: choice, values: [2, 2.0]"])
+def test_a_whole_double_is_no_integer_even_beside_the_integer(how):
+    study = parse_study(
+        f"scenario: demo\ncontrollers: [pid]\nruns: 9\nset: {{disturbance.noise.rms: 1.0}}\n"
+        f"vary: {{n: {{parameter: simulator.substeps, {how}}}}}",
+        "s",
+    )
+    with pytest.raises(StudyError, match=r"'substeps': 2\.0 is not allowed"):
+        make_bases(study)
+
+
+def test_a_limit_names_the_first_run_that_is_refused():
+    study = parse_study(
+        """
+scenario: demo
+controllers: [pid, fuzzy_pid]
+duration: 0.1
+vary:
+  p: {parameter: fuzzy_pid.gains.p_max, values: [20.0, 60.0]}
+  u: {parameter: pid.u_clamp_max, values: [1.0, -200.0]}
+""",
+        "s",
+    )
+    target = Target("simulator", "plant.trunk_mass")
+    with pytest.raises(StudyError, match=r"run 1: .*gains.p_max"):
+        survival(study, target, [0.4, 0.5])

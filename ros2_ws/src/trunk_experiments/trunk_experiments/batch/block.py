@@ -141,7 +141,7 @@ class Maker(Protocol):
         """
 
 
-class Lanes(Maker):
+class Lanes:
     """Makes runs on this machine's processor: in lanes where they fit together, else one after another."""
 
     def __init__(self, batch: Batch) -> None:

@@ -37,8 +37,10 @@ class CudaDevice:
         self.seconds = 0.0
         try:
             self._cupy: Any = import_module("cupy")
-        except ImportError:
+        except ModuleNotFoundError:
             raise NotInstalledError(f"a GPU needs CuPy: {CUPY}") from None
+        except ImportError as error:
+            raise LibraryError(f"CuPy cannot be loaded ({_first_line(error)}): {CUPY}") from None
         runtime = self._cupy.cuda.runtime
         try:
             cards = runtime.getDeviceCount()
@@ -71,7 +73,12 @@ class CudaDevice:
         longest = max((self._memory or int(_SHARE * free)) // bytes_a_run, self._threads)
         for first in range(0, words.runs, longest):
             runs = slice(first, min(first + longest, words.runs))
-            fates[:, runs], metrics[:, runs] = self._part(function, words.part(runs), common)
+            try:
+                fates[:, runs], metrics[:, runs] = self._part(function, words.part(runs), common)
+            except (MemoryError, RuntimeError) as error:
+                raise LibraryError(
+                    f"{self.name}: {_first_line(error)}: finished blocks are kept: run the same command again"
+                ) from None
         return Computed(fates[0], fates[1], metrics)
 
     def _part(self, function: Any, words: Words, common: list[Any]) -> tuple[Any, Any]:
@@ -94,10 +101,13 @@ class CudaDevice:
             module = self._cupy.RawModule(code=text, options=OPTIONS)
             try:
                 self.texts[text] = module.get_function("summarise_all")
-            except (ImportError, OSError, RuntimeError) as error:
-                problem = (str(error).splitlines() or [type(error).__name__])[0]
-                raise LibraryError(f"CuPy cannot compile ({problem}): {CUPY}") from None
+            except Exception as error:  # CuPy's own are of no family
+                raise LibraryError(f"CuPy cannot compile ({_first_line(error)}): {CUPY}") from None
         return self.texts[text]
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def on_cuda(warn: Callable[[str], None]) -> OnDevice:

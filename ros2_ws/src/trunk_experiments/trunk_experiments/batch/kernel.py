@@ -35,7 +35,6 @@ from ..analysis.metrics import (
     steady_from,
     with_rows,
 )
-from ..errors import PlanError
 from ..export_c.program import template
 from ..export_c.translate import Program, indented
 from ..export_c.types import (
@@ -63,7 +62,7 @@ from ..runs.loop import (
 )
 from ..runs.loop_inputs import check_compilable, states_of
 from ..runs.schedule import Schedule
-from .block import Lanes, Maker, Outcomes
+from .block import Lanes, Outcomes
 from .compiled_run import Batch, start_of_loop
 from .varied import Rows, Varied
 
@@ -84,13 +83,9 @@ class Start(NamedTuple):
     participants: Chain
 
 
-def unfit(plan: RunPlan) -> str:
-    """Return in words why a plan's run cannot be computed by a kernel; empty if it can."""
+def fitted(plan: RunPlan) -> tuple[Kernel, Start] | str:
+    """Return the kernel and the start of a plan's runs, or in words why they cannot be computed by one."""
     simulator = plan.simulator
-    try:
-        check_compilable(plan)
-    except PlanError as error:
-        return str(error)
     if len(plan.controllers) != 1:
         return "several controllers"
     if plan.controller.active_times:
@@ -99,11 +94,11 @@ def unfit(plan: RunPlan) -> str:
         return "links with delays or losses"
     if states_of(plan) * simulator.period_ns >= _LONGEST_NS:
         return "a run of more than 104 days"
+    start = start_of_run(plan)
     try:
-        kernel_of(plan.controller_name, start_of_run(plan))
+        return kernel_of(plan.controller_name, start), start
     except UntranslatableError as error:
         return f"{plan.controller_name}: {error}"
-    return ""
 
 
 def start_of_run(plan: RunPlan) -> Start:
@@ -164,6 +159,11 @@ def kernel_of(law: str, start: Start) -> Kernel:
     return kernel
 
 
+def templates() -> list[str]:
+    """Return what a text has besides translated functions: its head, the noise, the thread's work."""
+    return [template(part) for part in ("kernel_head.h", "pcg64.h", "kernel.h")]
+
+
 @cache
 def _kernel(name: str, start: RecordType) -> Kernel | UntranslatableError:
     try:
@@ -173,7 +173,7 @@ def _kernel(name: str, start: RecordType) -> Kernel | UntranslatableError:
 
 
 def _translated(name: str, start: RecordType) -> Kernel:
-    parts = [template(part) for part in ("pcg64.h", "kernel.h")]
+    head, *parts = templates()
     program = Program()
     if any(isinstance(t, Array) for _, t in program.places(start.types[3], "")):
         raise UntranslatableError(name, 0, "memory", "it holds arrays", "hold numbers")
@@ -213,7 +213,7 @@ def _translated(name: str, start: RecordType) -> Kernel:
         unstable=UNSTABLE,
         unsound=UNSOUND,
     )
-    text = f"{program.library(tail, template('kernel_head.h'))}\n{tail}\n"
+    text = f"{program.library(tail, head)}\n{tail}\n"
     # A function of its own, so that what a thread keeps for later takes no registers in the loop.
     text = re.sub(rf"(?m)^static (?=.* {segment.name}\()", "static __noinline__ ", text)
     return Kernel(re.sub(r"(?m)^static ", "static __device__ ", text), start)
@@ -384,7 +384,7 @@ class Device(Protocol):
         """Return the fates of the runs that the words stand for."""
 
 
-class OnDevice(Maker):
+class OnDevice:
     """Makes runs on a device; in lanes those that it cannot make, and those that only the CPU can judge.
 
     ``left``: how many it could not make, by the reason.
@@ -400,10 +400,9 @@ class OnDevice(Maker):
 
     def prepared(self, plan: RunPlan) -> tuple[Any, Any]:
         """Return a plan's kernel and start; or why it has none, and what lanes need."""
-        if reason := unfit(plan):
-            return reason, self._lanes.prepared(plan)
-        start = start_of_run(plan)
-        return kernel_of(plan.controller_name, start), start
+        check_compilable(plan)
+        fit = fitted(plan)
+        return (fit, self._lanes.prepared(plan)) if isinstance(fit, str) else fit
 
     def finish(
         self,

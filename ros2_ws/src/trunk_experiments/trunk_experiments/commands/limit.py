@@ -295,16 +295,13 @@ def _study(
     from ..study.limit import condition_lines, conditions_of, survival
     from ..study.rows import make_bases
     from ..study.study import Target, read_study
+    from .study.sweep import maker_on
 
     if output is not None:
         from ..views.plots import SUFFIXES
 
         check_output(output, tuple(SUFFIXES), force, [name])
-    maker = None
-    if device == "cuda":
-        from ..batch.cuda import on_cuda
-
-        maker = on_cuda(lambda text: show_warnings([text]))
+    maker = maker_on(device)
     study = read_study(name)
     node, _, parameter = vary.partition(".")
     plan = next(iter(make_bases(study).values()))

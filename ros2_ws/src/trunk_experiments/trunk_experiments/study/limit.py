@@ -193,8 +193,9 @@ def survival(
     for first in range(0, varied.total, at_once):
         columns = design(varied, first, min(first + at_once, varied.total))
         ended, fall_angles = outcomes(varied, bases, columns, maker)
-        for i, reason in ended.refused.items():
-            raise StudyError(f"{study.source}: run {columns['run'][i]}: {reason}")
+        if ended.refused:
+            i = min(ended.refused)
+            raise StudyError(f"{study.source}: run {columns['run'][i]}: {ended.refused[i]}")
         farthest = np.maximum(ended.metric("theta_max_deg"), -ended.metric("theta_min_deg"))
         good = farthest <= np.degrees(fall_angles)  # False where it diverged
         for label, value, upright in zip(

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Container, Iterable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import cache, partial
 from itertools import product
@@ -95,31 +94,30 @@ def outcomes(
     maker = maker or Lanes(shared_batch())
     parts: list[tuple[Rows, Any]] = []
 
-    def prepared(row: Row, rows: Rows) -> None:
-        plan = plan_of(study, bases, row)
-        part = maker.prepared(plan)
+    doubles = _doubles(study, columns)
+
+    def prepared(rows: Rows) -> bool:
+        """Prepare rows together, or a single one, which may be refused; return True if it is done."""
+        row = row_at(columns, rows[0])
+        if len(rows) > 1:
+            row |= {name: Varied(values[rows]) for name, values in doubles.items()}
+        try:
+            plan = plan_of(study, bases, row)
+            parts.append((rows, maker.prepared(plan)))
+        except (TypeError, ParameterError, PlanError) as error:
+            if len(rows) == 1 and isinstance(error, TypeError):
+                raise
+            if len(rows) == 1:
+                ended.refused[int(rows[0])] = str(error)
+            return len(rows) == 1
         fall_angle: Any = plan.simulator.fall_angle
         fall_angles[rows] = fall_angle.values if isinstance(fall_angle, Varied) else fall_angle
-        parts.append((rows, part))
+        return True
 
-    def together(rows: Rows) -> bool:
-        if len(rows) > 1:
-            with suppress(TypeError, ParameterError, PlanError):
-                shared = {name: values[rows] for name, values in doubles.items()}
-                prepared(
-                    {**row_at(columns, rows[0]), **{n: Varied(v) for n, v in shared.items()}}, rows
-                )
-                return True
-        return False
-
-    doubles = _doubles(study, columns)
     for rows in _alike(study, columns, doubles):
-        for part, done in by_path(together, rows):
-            for i in () if done else part.tolist():
-                try:
-                    prepared(row_at(columns, i), np.array([i]))
-                except (ParameterError, PlanError) as error:
-                    ended.refused[i] = str(error)
+        for part, done in by_path(prepared, rows):
+            for row in () if done else part:
+                prepared(np.array([row]))
     maker.finish(parts, lambda i: plan_of(study, bases, row_at(columns, i)), ended)
     return ended, fall_angles
 
@@ -149,7 +147,7 @@ def _alike(study: StudySpec, columns: Columns, numbers: Container[str]) -> Itera
     names = ["controller", *(v.name for v in study.variables if v.name not in numbers)]
     places: dict[tuple[Any, ...], list[int]] = {}
     for i, values in enumerate(zip(*(columns[name] for name in names), strict=True)):
-        places.setdefault(values, []).append(i)
+        places.setdefault((*values, *map(type, values)), []).append(i)
     return map(np.array, places.values())
 
 
@@ -281,7 +279,8 @@ def check_target(
     node = target.node_with(contender)
     config = bases[0].configs[node]
     declared = declarations(type(config))
-    values = set(chosen_values(study, v))
+    # 2 and 2.0 are not the same to an integer.
+    values = list({(type(value), value): value for value in chosen_values(study, v)}.values())
     if target.name in FILES:
         return
     table = table_of(target.name, declared)
@@ -323,8 +322,10 @@ def check_target(
         return ""
 
     plain = not table and all(isinstance(value, float) for value in values)
-    together = [Varied(np.array(list(values)))] if plain else values
-    if fault(together):  # which value it is, each alone says
+    together = [Varied(np.array(values))] if plain else values
+    with np.errstate(all="ignore"):
+        doubtful = bool(fault(together))
+    if doubtful:  # which value it is, each alone says
         raise mistake(study, v, f"{contender.label}: {target}: {fault(values)}")
     if (node, target.name) == ("simulator", "duration"):
         for simulator, value in product((base.simulator for base in bases), values):

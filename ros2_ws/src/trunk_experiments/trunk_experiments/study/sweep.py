@@ -7,6 +7,7 @@ time, or interruptions.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable, Iterable, Iterator
@@ -30,6 +31,7 @@ from trunk_msgs_util.provenance import ARITHMETIC, OF_MACHINE, gather, packages_
 
 from ..analysis.metrics import RunMetrics
 from ..batch.block import Maker
+from ..batch.kernel import OnDevice, kernel_of, templates
 from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
 from ..errors import StudyError, SweepError
 from ..plans.nodes import CONTROLLERS
@@ -64,7 +66,8 @@ def sources() -> str:
     libraries = {name: version(name) for name in ("numpy", "scipy")}  # for draws
     libraries |= {"arithmetic": ARITHMETIC, "libm": " ".join(libc_ver()), "machine": machine()}
     libraries |= packages_of_laws()
-    code = fingerprint(run_block, *(law_named(name).update for name in CONTROLLERS))
+    libraries["kernel"] = hashlib.sha256("".join(templates()).encode()).hexdigest()[:16]
+    code = fingerprint(run_block, kernel_of, *(law_named(name).update for name in CONTROLLERS))
     return f"{code}-{json.dumps(libraries, sort_keys=True)}"
 
 
@@ -254,18 +257,20 @@ def _indexed(block: RunBlock) -> tuple[int, pa.Table]:
     return block.index, run_block(block)
 
 
-def device_runner(maker: Maker) -> Runner:
-    """Return a runner in this process whose maker makes many blocks at once."""
+def device_runner(maker: OnDevice) -> Runner:
+    """Return a runner in this process: many blocks at once, or one by one where the device leaves runs."""
 
     def run(blocks: Iterable[RunBlock]) -> Iterator[tuple[int, pa.Table]]:
-        left = iter(blocks)
+        left, more, runs_left = iter(blocks), 0, 0
         while block := next(left, None):
-            several = [block, *islice(left, AT_ONCE // block.study.block)]
+            several = [block, *islice(left, more)]
             columns = {
                 name: [value for part in several for value in part.columns[name]]
                 for name in block.columns
             }
             table = run_block(replace(block, columns=columns), maker)
+            before, runs_left = runs_left, maker.left.total()
+            more = AT_ONCE // block.study.block if runs_left == before else 0
             first = 0
             for part in several:
                 count = len(part.columns["run"])

@@ -55,15 +55,17 @@ def command(
     from ...study.rows import make_bases
     from ...study.sensitivity import check_sensitivity, sensitivities, total_runs
     from ...study.study import read_study
-    from .sweep import runner_on
+    from .sweep import check_device, maker_on, runner_of
 
+    check_device(device, jobs)
     read = read_study(study)
     wanted = tuple(dict.fromkeys(metrics)) or _METRICS
     check_sensitivity(read, n, wanted)
     bases = make_bases(read)
     show_warnings(dict.fromkeys(text for base in bases.values() for text in base.warnings))
     runs = total_runs(read, n)
-    runner, maker = runner_on(device, jobs, None, -(-runs // read.block))
+    maker = maker_on(device)
+    runner = runner_of(maker, jobs, None, -(-runs // read.block))
     with progress_bar("runs") as tell:
         results = sensitivities(read, bases, n, wanted, runner, tell)
     show_warnings(maker.remarks() if maker else [])

@@ -56,6 +56,7 @@ def command(
     from ...study.sweep import SweepJob
 
     check_output(output, (".parquet",), force, [study])
+    check_device(device, jobs, scheduler)
     sweep = SweepJob(read_study(study), output)
     if check:
         sweep.check()
@@ -92,9 +93,10 @@ def run_sweep(
     """Run a sweep, or the rest of an interrupted one, showing progress; return the count of each outcome."""
     from ...study.sweep import outcome_counts
 
-    runner, maker = runner_on(device, jobs, scheduler, sweep.blocks)
+    maker = maker_on(device)
     total = sweep.study.total
     done = sweep.start()
+    runner = runner_of(maker, jobs, scheduler, len(sweep.missing))
     show_warnings(sweep.warnings)
     if done:
         click.echo(f"resuming: {done} of {total} runs are done", err=True)
@@ -112,23 +114,30 @@ def run_sweep(
     return dict(outcome_counts(sweep.output))
 
 
-def runner_on(
-    device: str, jobs: int | None, scheduler: str | None, blocks: int
-) -> tuple[Runner, OnDevice | None]:
-    """Return the runner of at most so many blocks, and the maker of their runs if it is a device.
+def check_device(device: str, jobs: int | None, scheduler: str | None = None) -> None:
+    """Raise PlanError for options that exclude one another."""
+    for other, value in (("--jobs", jobs), ("--scheduler", scheduler)):
+        if device != "cpu" and value is not None:
+            raise PlanError(f"--device {device}: one process uses the card: leave {other} out")
 
-    Raises PlanError for options that exclude one another, and as `on_cuda` does.
-    """
+
+def maker_on(device: str) -> OnDevice | None:
+    """Return the maker of runs on a device, None for the processor. Raises as `on_cuda` does."""
+    if device == "cpu":
+        return None
+    from ...batch.cuda import on_cuda
+
+    return on_cuda(lambda text: show_warnings([text]))
+
+
+def runner_of(
+    maker: OnDevice | None, jobs: int | None, scheduler: str | None, blocks: int
+) -> Runner:
+    """Return the runner of at most so many blocks."""
     from ...study.sweep import dask_runner, device_runner, processes
 
-    if device == "cuda":
-        if jobs is not None or scheduler is not None:
-            other = "--jobs" if jobs is not None else "--scheduler"
-            raise PlanError(f"--device cuda: one process uses the card: leave {other} out")
-        from ...batch.cuda import on_cuda
-
-        maker = on_cuda(lambda text: show_warnings([text]))
-        return device_runner(maker), maker
+    if maker is not None:
+        return device_runner(maker)
     if scheduler is not None:
-        return dask_runner(scheduler), None
-    return processes(max(1, min(jobs or len(os.sched_getaffinity(0)), blocks))), None
+        return dask_runner(scheduler)
+    return processes(max(1, min(jobs or len(os.sched_getaffinity(0)), blocks)))
