@@ -160,7 +160,7 @@ def kernel_of(law: str, start: Start) -> Kernel:
 
 
 def templates() -> list[str]:
-    """Return what a text has besides translated functions: its head, the noise, the thread's work."""
+    """Return the parts of a text besides translated functions: head, noise, the work of a thread."""
     return [template(part) for part in ("kernel_head.h", "pcg64.h", "kernel.h")]
 
 
