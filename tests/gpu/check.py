@@ -16,6 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,18 +25,16 @@ import numpy as np
 from ros2_ws.src.trunk_experiments.test.cpp_device import CppDevice
 from ros2_ws.src.trunk_experiments.test.random_plans import random_plan
 
-from trunk_experiments.batch.block import Lanes, Maker, Outcomes
+from trunk_experiments.batch.block import Lanes, Maker, Outcomes, make_runs
 from trunk_experiments.batch.compiled_run import Batch
 from trunk_experiments.batch.cuda import CudaDevice
 from trunk_experiments.batch.kernel import OnDevice
-from trunk_experiments.batch.varied import Rows, Varied, by_path, each_run
+from trunk_experiments.batch.varied import Rows, Varied, each_run
 from trunk_experiments.batch.workers import as_completed_bounded, worker_pool
-from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.study.study import parse_study
 from trunk_experiments.study.sweep import SweepJob, device_runner
 from trunk_msgs_util.parameters.declarations import (
-    ParameterError,
     changed,
     declarations,
     values_of,
@@ -96,23 +95,8 @@ def plan_of(plan: RunPlan, varied: dict[str, dict[str, Any]], rows: Rows) -> Run
 def outcomes(maker: Maker, index: int, runs: int) -> Outcomes:
     """Return the outcomes of a study's runs."""
     plan, varied = study(index, runs)
-    ended, parts = Outcomes(runs), list[tuple[Rows, Any]]()
-
-    def prepared(rows: Rows) -> bool:
-        try:
-            parts.append((rows, maker.prepared(plan_of(plan, varied, rows))))
-        except (TypeError, ParameterError, PlanError) as error:
-            if len(rows) == 1 and isinstance(error, TypeError):
-                raise
-            if len(rows) == 1:
-                ended.refused[int(rows[0])] = str(error)
-            return len(rows) == 1
-        return True
-
-    for rows, done in by_path(prepared, np.arange(runs)):
-        for row in () if done else rows:
-            prepared(np.array([row]))
-    maker.finish(parts, lambda i: plan_of(plan, varied, np.array([i])), ended)
+    ended = Outcomes(runs)
+    make_runs(maker, partial(plan_of, plan, varied), [np.arange(runs)], ended)
     return ended
 
 

@@ -18,6 +18,7 @@ from trunk_control.limits import limited
 from trunk_control.pid_family import PidState
 from trunk_control.reference import ReferenceProfile
 from trunk_msgs_util.compiled import compiled, twin, with_arrays
+from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds, step_count
 from trunk_sim.disturbances import Signals
@@ -45,7 +46,7 @@ from .lanes import (
     row_values,
     shared,
 )
-from .varied import Rows, Varied, each_run, varies
+from .varied import Rows, Varied, by_path, each_run, varies
 
 MAX_STATES = 20_000_000  # of a compiled run, all in memory: 1.8 GB
 
@@ -176,17 +177,40 @@ class Lanes:
             outcomes.keep(i, summary_of(plan_at(i), self._batch))
 
 
+def make_runs(
+    maker: Maker, plan_of: Callable[[Rows], RunPlan], groups: Iterable[Rows], outcomes: Outcomes
+) -> None:
+    """Make the runs of some groups, each together as far as that goes, and write down how they ended.
+
+    ``plan_of`` returns the plan of some runs of a group, with columns where they differ; of a single run with
+    plain numbers. A run that it refuses, by ParameterError or PlanError, is refused.
+    """
+    parts: list[tuple[Rows, Any]] = []
+
+    def prepared(rows: Rows) -> bool:
+        try:
+            parts.append((rows, maker.prepared(plan_of(rows))))
+        except (TypeError, ParameterError, PlanError) as error:
+            if len(rows) > 1:
+                return False
+            if isinstance(error, TypeError):
+                raise
+            outcomes.refused[int(rows[0])] = str(error)
+        return True
+
+    for group in groups:
+        for part, done in by_path(prepared, group):
+            for row in () if done else part:
+                prepared(np.array([row]))
+    maker.finish(parts, lambda i: plan_of(np.array([i])), outcomes)
+
+
 def summaries(plans: Iterable[RunPlan], batch: Batch) -> list[RunSummary]:
     """Return the outcome of each plan's run."""
-    plans, lanes = list(plans), Lanes(batch)
+    plans = list(plans)
     outcomes = Outcomes(len(plans))
-    parts = []
-    for i, plan in enumerate(plans):
-        try:
-            parts.append((np.array([i]), lanes.prepared(plan)))
-        except PlanError as error:
-            outcomes.refused[i] = str(error)
-    lanes.finish(parts, plans.__getitem__, outcomes)
+    each = (np.array([i]) for i in range(len(plans)))
+    make_runs(Lanes(batch), lambda rows: plans[rows[0]], each, outcomes)
     return [outcomes.summary(i) for i in range(len(plans))]
 
 

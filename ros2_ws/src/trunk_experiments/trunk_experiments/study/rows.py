@@ -37,9 +37,9 @@ from trunk_msgs_util.parameters.files import ParameterFileError
 from trunk_msgs_util.parameters.to_si import read_quantity, units_of
 from trunk_msgs_util.recording.joint_arrays import Floats
 
-from ..batch.block import Lanes, Maker, Outcomes, wrong_duration
+from ..batch.block import Lanes, Maker, Outcomes, make_runs, wrong_duration
 from ..batch.compiled_run import Batch
-from ..batch.varied import Rows, Varied, by_path
+from ..batch.varied import Rows, Varied
 from ..errors import PlanError, StudyError
 from ..plans.files import parse_setting
 from ..plans.nodes import NODES
@@ -85,40 +85,24 @@ def outcomes(
     """Return how each row's run ended, and at which angle its trunk has fallen [rad]; NaN: refused.
 
     ``maker``: what makes the runs; None: lanes of this process.
-
     What varies as a double passes through the parameters' checks and the plans for many rows at once
     (`Varied`); rows with values for which that cannot be have plans of their own.
     """
     count = len(columns["run"])
     ended, fall_angles = Outcomes(count), np.full(count, nan)
-    maker = maker or Lanes(shared_batch())
-    parts: list[tuple[Rows, Any]] = []
-
     doubles = _doubles(study, columns)
 
-    def prepared(rows: Rows) -> bool:
-        """Prepare rows together, or a single one, which may be refused; return True if it is done."""
+    def plan_at(rows: Rows) -> RunPlan:
         row = row_at(columns, rows[0])
         if len(rows) > 1:
             row |= {name: Varied(values[rows]) for name, values in doubles.items()}
-        try:
-            plan = plan_of(study, bases, row)
-            parts.append((rows, maker.prepared(plan)))
-        except (TypeError, ParameterError, PlanError) as error:
-            if len(rows) == 1 and isinstance(error, TypeError):
-                raise
-            if len(rows) == 1:
-                ended.refused[int(rows[0])] = str(error)
-            return len(rows) == 1
+        plan = plan_of(study, bases, row)
         fall_angle: Any = plan.simulator.fall_angle
         fall_angles[rows] = fall_angle.values if isinstance(fall_angle, Varied) else fall_angle
-        return True
+        return plan
 
-    for rows in _alike(study, columns, doubles):
-        for part, done in by_path(prepared, rows):
-            for row in () if done else part:
-                prepared(np.array([row]))
-    maker.finish(parts, lambda i: plan_of(study, bases, row_at(columns, i)), ended)
+    make_runs(maker or Lanes(shared_batch()), plan_at, _alike(study, columns, doubles), ended)
+    fall_angles[list(ended.refused)] = nan
     return ended, fall_angles
 
 
