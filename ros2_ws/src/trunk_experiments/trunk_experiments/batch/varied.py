@@ -6,6 +6,7 @@ of a double, run by run, with its bits; where a comparison splits the runs, each
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterable, Iterator
 from itertools import repeat
 from typing import Any, TypeVar
@@ -17,6 +18,7 @@ from trunk_msgs_util.errors import TrunkError
 
 Result = TypeVar("Result")
 Rows = NDArray[np.int64]  # indices of runs
+Operation = Callable[[Any, object], "Varied"]
 _EXACT = 2.0**53  # below it every whole double is one integer
 
 
@@ -25,92 +27,6 @@ class SplitError(TrunkError):
 
     def __init__(self, chosen: NDArray[np.bool_]) -> None:
         self.chosen = chosen
-
-
-class Varied:
-    """A number of each run [runs], doubles or, rounded, integers that only serve as values.
-
-    What gives no column of doubles with the scalar operation's bits raises TypeError.
-    """
-
-    __slots__ = ("values",)
-    __hash__ = None  # type: ignore[assignment]
-
-    def __init__(self, values: NDArray[Any]) -> None:
-        self.values = values
-
-    def __repr__(self) -> str:
-        return f"Varied({self.values!r})"
-
-    def __len__(self) -> int:
-        raise TypeError("a column stands for a number")
-
-    def __add__(self, other: object) -> Varied:
-        return Varied(self._doubles() + _of(other))
-
-    def __radd__(self, other: object) -> Varied:
-        return Varied(_of(other) + self._doubles())
-
-    def __sub__(self, other: object) -> Varied:
-        return Varied(self._doubles() - _of(other))
-
-    def __rsub__(self, other: object) -> Varied:
-        return Varied(_of(other) - self._doubles())
-
-    def __mul__(self, other: object) -> Varied:
-        return Varied(self._doubles() * _of(other))
-
-    def __rmul__(self, other: object) -> Varied:
-        return Varied(_of(other) * self._doubles())
-
-    def __truediv__(self, other: object) -> Varied:
-        return Varied(_quotient(self._doubles(), _of(other)))
-
-    def __rtruediv__(self, other: object) -> Varied:
-        return Varied(_quotient(_of(other), self._doubles()))
-
-    def __neg__(self) -> Varied:
-        return Varied(-self._doubles())
-
-    def __abs__(self) -> Varied:
-        return Varied(np.abs(self._doubles()))
-
-    def __round__(self) -> Varied:
-        values = np.rint(self._doubles())
-        if not (np.abs(values) < _EXACT).all():
-            raise TypeError("too large for exact integers")
-        return Varied(values.astype(np.int64))
-
-    def __lt__(self, other: object) -> bool:
-        return _agreed(self.values < _of(other))
-
-    def __le__(self, other: object) -> bool:
-        return _agreed(self.values <= _of(other))
-
-    def __gt__(self, other: object) -> bool:
-        return _agreed(self.values > _of(other))
-
-    def __ge__(self, other: object) -> bool:
-        return _agreed(self.values >= _of(other))
-
-    def __eq__(self, other: object) -> bool:
-        return _agreed(self.values == _of(other))
-
-    def __ne__(self, other: object) -> bool:
-        return _agreed(self.values != _of(other))
-
-    def __bool__(self) -> bool:
-        return _agreed(self.values != 0)
-
-    @property
-    def ends(self) -> tuple[Any, Any]:
-        """The least and the greatest."""
-        return self.values.min().item(), self.values.max().item()
-
-    def _doubles(self) -> NDArray[np.float64]:
-        if self.values.dtype != np.float64:
-            raise TypeError("integers of a column only serve as values")
-        return self.values
 
 
 def _of(value: object) -> Any:
@@ -124,11 +40,10 @@ def _of(value: object) -> Any:
     raise TypeError(f"{value!r}: not a double")
 
 
-def _quotient(a: Any, b: Any) -> NDArray[np.float64]:
+def _quotient(a: Any, b: Any) -> Any:
     if not np.all(b):
         raise TypeError("a division by zero")  # raises for one run
-    quotient: NDArray[np.float64] = a / b
-    return quotient
+    return a / b
 
 
 def _agreed(fulfilled: NDArray[np.bool_]) -> bool:
@@ -136,6 +51,70 @@ def _agreed(fulfilled: NDArray[np.bool_]) -> bool:
     if (fulfilled != first).any():
         raise SplitError(fulfilled)
     return first
+
+
+def _operations(compute: Callable[[Any, Any], Any]) -> tuple[Operation, Operation]:
+    """Return the methods for a number of runs on the left and on the right of an operator."""
+    return (
+        lambda self, other: Varied(compute(self.doubles(), _of(other))),
+        lambda self, other: Varied(compute(_of(other), self.doubles())),
+    )
+
+
+def _comparison(compare: Callable[[Any, Any], NDArray[np.bool_]]) -> Callable[[Any, object], bool]:
+    return lambda self, other: _agreed(compare(self.values, _of(other)))
+
+
+class Varied:
+    """A number of each run [runs], doubles or, rounded, integers that only serve as values.
+
+    What gives no column of doubles with the scalar operation's bits raises TypeError.
+    """
+
+    __slots__ = ("values",)
+    __hash__ = None  # type: ignore[assignment]
+    __add__, __radd__ = _operations(operator.add)
+    __sub__, __rsub__ = _operations(operator.sub)
+    __mul__, __rmul__ = _operations(operator.mul)
+    __truediv__, __rtruediv__ = _operations(_quotient)
+    __lt__, __le__ = _comparison(operator.lt), _comparison(operator.le)
+    __gt__, __ge__ = _comparison(operator.gt), _comparison(operator.ge)
+    __eq__, __ne__ = _comparison(operator.eq), _comparison(operator.ne)
+
+    def __init__(self, values: NDArray[Any]) -> None:
+        self.values = values
+
+    def __repr__(self) -> str:
+        return f"Varied({self.values!r})"
+
+    def __len__(self) -> int:
+        raise TypeError("a column stands for a number")
+
+    def __neg__(self) -> Varied:
+        return Varied(-self.doubles())
+
+    def __abs__(self) -> Varied:
+        return Varied(np.abs(self.doubles()))
+
+    def __round__(self) -> Varied:
+        values = np.rint(self.doubles())
+        if not (np.abs(values) < _EXACT).all():
+            raise TypeError("too large for exact integers")
+        return Varied(values.astype(np.int64))
+
+    def __bool__(self) -> bool:
+        return _agreed(self.values != 0)
+
+    @property
+    def ends(self) -> tuple[Any, Any]:
+        """The least and the greatest."""
+        return self.values.min().item(), self.values.max().item()
+
+    def doubles(self) -> NDArray[np.float64]:
+        """Return the values. Raises TypeError for integers."""
+        if self.values.dtype != np.float64:
+            raise TypeError("integers of a column only serve as values")
+        return self.values
 
 
 def each_run(record: Any, count: int) -> Iterable[Any]:
