@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import GetState
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -112,6 +113,7 @@ class Peer:
         """Return a function that publishes samples on a topic, once it has a subscriber."""
         publisher = self.node.create_publisher(JointState, topic, qos.evidence())
         self.until(publisher.get_subscription_count, f"somebody listens to {topic}")
+        self._introduce(publisher)
         return lambda sample: publisher.publish(sample_to_ros(sample))
 
     def publisher(self, topic: str, *listeners: str) -> Publisher:
@@ -124,7 +126,19 @@ class Peer:
             return there and publisher.get_subscription_count() >= len(known)
 
         self.until(heard, f"{' and '.join(listeners)} listen to {topic}")
+        self._introduce(publisher)
         return publisher
+
+    def _introduce(self, publisher: Publisher) -> None:
+        """Wait until the listeners know a publisher: until then they miss what it already sends them.
+
+        What a participant of DDS has is announced in order: who answers a client that came later knows it.
+        """
+        services = {name for name, _ in self.node.get_service_names_and_types()}
+        for one in self.node.get_subscriptions_info_by_topic(publisher.topic_name):
+            state = f"{one.node_namespace.rstrip('/')}/{one.node_name}/get_state"
+            if state in services:
+                self.call(GetState, state)
 
     def spin(self, timeout_s: float = 0.0) -> None:
         """Take what has come, or comes within the time."""
