@@ -149,7 +149,7 @@ def _held_up_s() -> float:
     return monotonic()  # all the time, for all we know
 
 
-@pytest.hookimpl(wrapper=True)
+@pytest.hookimpl(wrapper=True, optionalhook=True)  # without pytest-timeout where mutants are tested
 def pytest_timeout_set_timer(item: pytest.Item, settings: Any) -> Generator[None, Any, Any]:
     """Let time in which somebody is held up count for a third at least: the limit is for what hangs.
 
