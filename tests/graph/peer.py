@@ -135,8 +135,8 @@ class Peer:
         What a participant of DDS has is announced in order: who answers a client that came later knows it.
         """
         services = {name for name, _ in self.node.get_service_names_and_types()}
-        for one in self.node.get_subscriptions_info_by_topic(publisher.topic_name):
-            state = f"{one.node_namespace.rstrip('/')}/{one.node_name}/get_state"
+        for listener in self.node.get_subscriptions_info_by_topic(publisher.topic_name):
+            state = f"{listener.node_namespace.rstrip('/')}/{listener.node_name}/get_state"
             if state in services:
                 self.call(GetState, state)
 

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.runs.processes import find_executable
 from trunk_msgs_util.cpu_deadline import CpuDeadline
@@ -78,7 +80,7 @@ class Child:
         """Return the exit code, once the process has ended."""
         try:
             until(lambda: self.process.poll() is not None, f"{self.name} ends", 0.002)
-        except BaseException as error:
+        except pytest.fail.Exception as error:
             if isinstance(self.process, Forked) and self.process.poll() is None:
                 self.send(signal.SIGABRT)  # it writes down where it is
                 self.process.wait()

@@ -159,6 +159,30 @@ def test_without_a_compiler(cupy):
         cuda.CudaDevice().run(SimpleNamespace(text=""), None)
 
 
+def test_a_broken_cupy(monkeypatch):
+    def broken(name):
+        raise ModuleNotFoundError("No module named 'cupy._core'", name="cupy._core")
+
+    monkeypatch.setattr(cuda, "import_module", broken)
+    with pytest.raises(
+        LibraryError, match=r"cannot be loaded \(No module named 'cupy._core'\): pip"
+    ):
+        cuda.CudaDevice()
+
+
+@pytest.mark.parametrize("call", ["asarray", "empty"])
+def test_without_memory(cupy, monkeypatch, call):
+    def full(*given):
+        raise MemoryError("Out of memory allocating 9 bytes\nand more")
+
+    kernel, words = kernel_and_words(several("pid", count=2, duration=0.05))
+    monkeypatch.setattr(cupy(), call, full)
+    with pytest.raises(
+        LibraryError, match=r"^Some Card: Out of memory allocating 9 bytes: run the"
+    ):
+        cuda.CudaDevice().run(kernel, words)
+
+
 @pytest.mark.parametrize(
     ("ratio", "slow"),
     [

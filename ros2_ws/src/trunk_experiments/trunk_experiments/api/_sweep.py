@@ -251,8 +251,8 @@ def _swept(
 
     try:
         with writing(path):
-            crew = processes(max(1, min(jobs, len(job.missing))))
-            job.run(device_runner(maker) if maker else crew, tell)
+            workers = max(1, min(jobs, len(job.missing)))
+            job.run(device_runner(maker) if maker else processes(workers), tell)
             job.finish()
     except SweepError as error:
         if isinstance(error.__context__, BrokenProcessPool):

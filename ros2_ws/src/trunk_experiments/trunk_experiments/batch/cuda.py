@@ -20,7 +20,10 @@ BLOCK = 128  # threads
 _SHARE = 0.5  # of the free memory: the threads' stacks need some, too
 _NO_CARD = 100  # cudaErrorNoDevice
 _USUAL_RATIO = 2  # of a card's floats to its doubles, computed in a second
-CUPY = "pip install -r requirements/cuda12.txt for a driver from 525 on, or cuda13.txt for one from 580 on"
+CUPY = (
+    "pip install -r requirements/cuda12.txt for a driver from 525 on; or cuda13.txt for one from 580 on and "
+    "a card of compute capability 7.5 or more"
+)
 
 
 class CudaDevice:
@@ -37,9 +40,9 @@ class CudaDevice:
         self.seconds = 0.0
         try:
             self._cupy: Any = import_module("cupy")
-        except ModuleNotFoundError:
-            raise NotInstalledError(f"a GPU needs CuPy: {CUPY}") from None
         except ImportError as error:
+            if error.name == "cupy" and isinstance(error, ModuleNotFoundError):
+                raise NotInstalledError(f"a GPU needs CuPy: {CUPY}") from None
             raise LibraryError(f"CuPy cannot be loaded ({_first_line(error)}): {CUPY}") from None
         runtime = self._cupy.cuda.runtime
         try:
@@ -64,6 +67,13 @@ class CudaDevice:
     def run(self, kernel: Kernel, words: Words) -> Computed:
         """Return the outcomes of the runs that the words stand for; at a time as many as the memory holds."""
         function = self._function(kernel.text)
+        try:
+            return self._whole(function, words)
+        except (MemoryError, RuntimeError) as error:
+            again = "run the same command again; a sweep keeps its finished blocks"
+            raise LibraryError(f"{self.name}: {_first_line(error)}: {again}") from None
+
+    def _whole(self, function: Any, words: Words) -> Computed:
         count = len(MetricNumbers._fields)
         fates, metrics = np.empty((2, words.runs), np.int64), np.empty((count, words.runs))
         common = [self._cupy.asarray(array) for array in (words.rows, words.common, words.elements)]
@@ -73,12 +83,7 @@ class CudaDevice:
         longest = max((self._memory or int(_SHARE * free)) // bytes_a_run, self._threads)
         for first in range(0, words.runs, longest):
             runs = slice(first, min(first + longest, words.runs))
-            try:
-                fates[:, runs], metrics[:, runs] = self._part(function, words.part(runs), common)
-            except (MemoryError, RuntimeError) as error:
-                raise LibraryError(
-                    f"{self.name}: {_first_line(error)}: finished blocks are kept: run the same command again"
-                ) from None
+            fates[:, runs], metrics[:, runs] = self._part(function, words.part(runs), common)
         return Computed(fates[0], fates[1], metrics)
 
     def _part(self, function: Any, words: Words, common: list[Any]) -> tuple[Any, Any]:
