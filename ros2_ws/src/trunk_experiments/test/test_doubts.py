@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 
@@ -14,43 +15,31 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import doubts
 from trunk_experiments.replay.doubts import Doubts, doubts_of
 from trunk_experiments.replay.late import Late, late_steps
+from trunk_experiments.runs.loop_inputs import states_of
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.compare import best_of
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
 from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
 from trunk_msgs_util.recording.topic import RecordingError
 from trunk_msgs_util.recording.writer import RecordingWriter
 
-from ...trunk_msgs_util.test.mcap_files import ANEW, copied, each
+from ...trunk_msgs_util.test.mcap_files import ANEW, copied
+from tests.real_time import late_inputs, record_real_time
 
 LATE = "LATE: the machine was too busy, 1 of 1300 steps late"
 ADVICE = ": --lockstep gives the exact run"
 
 
-def in_real_time(source: Path, path: Path, late=(), unanswered=(), complete=True) -> Path:
-    """Copy an offline run as one in real time, of a version that did not record what acted.
+def in_real_time(path: Path, late=(), count=1, **given) -> Path:
+    """Record a run in real time; the command in force in some states is ``count`` steps late."""
+    plan = make_plan("fig6", "pid", everywhere={"duration": 1.3}, **given)
+    steps = np.zeros(states_of(plan), np.int64)
+    steps[list(late)] = count
+    record_real_time(plan, path, late_inputs(plan, steps))
+    return path
 
-    The torque of some ``late`` steps is that of the step before; some states are ``unanswered``.
-    """
-    efforts: dict[int, float] = {}
 
-    def edit(topic: str, data: bytes, index: int) -> bytes | None:
-        if topic not in (topics.GROUND_TRUTH, topics.EFFORT_COMMAND):
-            return data
-        layout = JointStateLayout.parse(data)
-        sample = layout.unpack(data)
-        at = sample.stamp_ns // 1_000_000
-        if topic == topics.EFFORT_COMMAND:
-            return None if at in unanswered else data
-        efforts[at - 1] = sample.effort[1]  # the step that led here
-        if at - 1 in late:
-            data = layout.pack(sample._replace(effort=(0.0, efforts[at - 2])))
-        return data
-
-    told = {"mode": "real_time", "format": ""}
-    end = {} if complete else {"complete": "false", "reason": "the disk is full"}
-    copied(source, path, each(edit), ANEW, end, told)
+def incomplete(source: Path, path: Path) -> Path:
+    copied(source, path, lambda _: None, ANEW, {"complete": "false", "reason": "the disk is full"})
     return path
 
 
@@ -61,53 +50,41 @@ def test_an_exact_run_has_no_late_steps(short_run):
     assert doubts_of(run).lines == []
 
 
-def test_a_run_that_kept_time_is_not_marked(short_run, tmp_path):
-    run = RecordedRun.open(in_real_time(short_run("fig6", "pid"), tmp_path / "a.mcap"))
+def test_a_run_that_kept_time_is_not_marked(tmp_path):
+    run = RecordedRun.open(in_real_time(tmp_path / "a.mcap"))
     assert late_steps(run) == Late(0, 1300)
     found = doubts_of(run)
     assert not found
     assert found.moved_deg == 0.0
 
 
-@pytest.mark.parametrize(
-    ("late", "unanswered", "count"),
-    [((7,), (), 1), ((7, 8, 500), (), 3), ((), (20, 21), 2), ((300,), (300, 40), 2)],
-)
-def test_late_steps_are_counted(short_run, tmp_path, late, unanswered, count):
-    path = in_real_time(short_run("fig6", "pid"), tmp_path / "a.mcap", late, unanswered)
+@pytest.mark.parametrize(("late", "count"), [((7, 8, 500), 3), ((), 0), ((300,), 1)])
+def test_late_steps_are_counted(tmp_path, late, count):
+    path = in_real_time(tmp_path / "a.mcap", late)
     assert late_steps(RecordedRun.open(path)) == Late(count, 1300)
 
 
 def test_a_slower_controller_is_not_late(tmp_path):
-    plan = make_plan("fig6", "pid", settings=["pid.update_rate=200.0"])
-    plan = replace(plan, simulator=replace(plan.simulator, duration=0.5))
-    record_offline(plan, tmp_path / "slow.mcap")
-    # It answers every fifth state, as a node of another project may.
-    silent = [k for k in range(501) if k % 5]
-    path = in_real_time(tmp_path / "slow.mcap", tmp_path / "a.mcap", (), silent)
-    assert late_steps(RecordedRun.open(path)) == Late(0, 500)
-    path = in_real_time(tmp_path / "slow.mcap", tmp_path / "b.mcap", (), [*silent, 100])
-    assert late_steps(RecordedRun.open(path)) == Late(5, 500)
+    slower = {"settings": ["pid.update_rate=200.0"]}
+    path = in_real_time(tmp_path / "a.mcap", **slower)
+    assert late_steps(RecordedRun.open(path)) == Late(0, 1300)
+    path = in_real_time(tmp_path / "b.mcap", range(100, 109), 9, **slower)
+    assert late_steps(RecordedRun.open(path)) == Late(5, 1300)
 
 
-def test_how_far_the_angle_was_moved(short_run, tmp_path, monkeypatch):
-    path = in_real_time(short_run("fig6", "pid"), tmp_path / "a.mcap", [7])
+def test_how_far_the_angle_was_moved(tmp_path, monkeypatch):
+    path = in_real_time(tmp_path / "a.mcap", [7])
     assert doubts_of(RecordedRun.open(path), twin=False).moved_deg is None
     lines = doubts_of(RecordedRun.open(path)).lines
-    assert lines == [f"{LATE}; in lock-step the angle differs by up to 0 degrees{ADVICE}"]
+    assert lines == [f"{LATE}; in lock-step the angle differs by up to 0.00194 degrees{ADVICE}"]
     monkeypatch.setattr(doubts, "LONGEST_TWIN", 10)
     assert doubts_of(RecordedRun.open(path)).lines == [LATE + ADVICE]
 
 
 @pytest.mark.slow
-def test_a_run_that_departs_from_lockstep_is_marked_even_if_no_command_was_late(
-    short_run, tmp_path
-):
-    """A disturbance that came late leaves no trace in the commands."""
-    shifted = short_run("fig8", "pid", settings=("disturbance.pulse.start_times=[0.5]",))
-    path = in_real_time(shifted, tmp_path / "a.mcap")
-    run = RecordedRun.open(path)
-    run.parameters["disturbance"]["pulse.start_times"] = (0.4,)
+def test_a_run_that_departs_from_lockstep_is_marked_even_if_no_command_was_late(tmp_path):
+    run = RecordedRun.open(in_real_time(tmp_path / "a.mcap"))
+    run.parameters["pid"]["gains.p"] *= 0.5
     found = doubts_of(run)
     assert found.late == 0
     assert found.moved_deg > 1.0
@@ -137,8 +114,8 @@ def test_a_fall_comes_first(tmp_path, trunk):
 @pytest.mark.slow
 def test_doubtful_runs_are_never_the_best(short_run, tmp_path, trunk):
     sound = short_run("fig6", "lqr")
-    late = in_real_time(short_run("fig6", "pid"), tmp_path / "late.mcap", [7])
-    cut = in_real_time(short_run("fig6", "pid"), tmp_path / "cut.mcap", complete=False)
+    late = in_real_time(tmp_path / "late.mcap", [7])
+    cut = incomplete(in_real_time(tmp_path / "whole.mcap"), tmp_path / "cut.mcap")
     down = fallen(tmp_path / "down.mcap")
     found = json.loads(trunk("compare", "--json", late, sound, cut)[1])
     assert {name for one in found["metrics"].values() for name in one["best"]} == {sound.stem}
