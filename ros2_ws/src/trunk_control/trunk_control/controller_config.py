@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
-from typing import Any, ClassVar
+from typing import Any
 
 from trunk_msgs_util.parameters.declarations import (
     ParameterError,
     check_together,
     parameter,
 )
-from trunk_msgs_util.samples import Value
 from trunk_msgs_util.units import nanoseconds
 
 from .limits import Limits
@@ -118,9 +116,6 @@ class ControllerConfig(ReferenceConfig):
         minimum=0,
         maximum=1_000_000,
     )
-
-    # What a recording means that was made before a parameter was there.
-    unrecorded: ClassVar[Mapping[str, Value]] = {"gap.max_periods": 0}
 
     def __post_init__(self) -> None:
         if not self.u_clamp_max > self.u_clamp_min:

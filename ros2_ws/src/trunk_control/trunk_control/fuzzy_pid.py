@@ -5,14 +5,13 @@ Its functions are pure: CPython runs them and numba compiles them unchanged.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from math import inf
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 from trunk_msgs_util.parameters.declarations import parameter
-from trunk_msgs_util.samples import Value
 
 from . import rule_tables
 from .controller_config import ControllerConfig
@@ -127,18 +126,6 @@ class FuzzyPidConfig(RuleBaseConfig, GainRangesConfig):
         rule_tables.ALPHA_AS_PRINTED,
         "Table 4: alpha, a row per label of e, a label or number per label of e_dot",
     )
-
-    # What a recording means that was made before a parameter was there.
-    unrecorded: ClassVar[Mapping[str, Value]] = {
-        **ControllerConfig.unrecorded,
-        "fuzzy.error_labels": (),
-        "fuzzy.rate_labels": (),
-        "fuzzy.kp_labels": rule_tables.GAIN_LABELS,
-        "fuzzy.kp_centers": rule_tables.GAIN_CENTERS,
-        "fuzzy.kd_labels": rule_tables.GAIN_LABELS,
-        "fuzzy.kd_centers": rule_tables.GAIN_CENTERS,
-        "fuzzy.alpha_labels": rule_tables.ALPHA_LABELS,
-    }
 
     @property
     def tables(self) -> tuple[RuleTable, ...]:

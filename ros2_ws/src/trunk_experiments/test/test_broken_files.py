@@ -16,7 +16,9 @@ from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
 from ...trunk_msgs_util.test.mcap_files import (
+    ANEW,
     chunk,
+    copied,
     raw,
     records_of,
     write_records,
@@ -278,3 +280,14 @@ def test_a_deep_yaml(tmp_path):
     (bag / "metadata.yaml").write_text("[" * 2000)
     with pytest.raises(RecordingError, match="does not describe a bag"):
         Recording.open(bag)
+
+
+def test_files_of_another_format_are_named_and_not_read(short_run, tmp_path, trunk):
+    path = tmp_path / "old.mcap"
+    written = short_run("fig6", "pid")
+    with pytest.raises(RecordingError):
+        copied(written, path, lambda _: None, ANEW, provenance={"format": "1"})
+    code, _, err = trunk("info", path)
+    assert code == 2
+    assert err.startswith(f"trunk: error: {path} is of format '1', this version reads format '2'")
+    assert err.count("\n") == 1

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from tests.real_time import late_inputs, record_real_time
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
@@ -23,7 +24,6 @@ from trunk_msgs_util.recording.topic import RecordingError
 from trunk_msgs_util.recording.writer import RecordingWriter
 
 from ...trunk_msgs_util.test.mcap_files import ANEW, copied
-from tests.real_time import late_inputs, record_real_time
 
 LATE = "LATE: the machine was too busy, 1 of 1300 steps late"
 ADVICE = ": --lockstep gives the exact run"

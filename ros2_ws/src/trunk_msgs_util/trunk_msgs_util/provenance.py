@@ -16,9 +16,7 @@ from pathlib import Path
 # `elementary` and `noise`. Any change of a bit needs a new name.
 ARITHMETIC = "portable-1"
 
-# What a recording holds, and how. "2": in real time each message of our nodes has its source in
-# ``header.frame_id``, and ``plant/inputs`` has what acted on the plant in each state; "1", which no recording
-# names: neither of the two.
+# What a recording of ours holds, and how; files of another format are not read.
 FORMAT = "2"
 
 # Of a run that a page computed: what ran the page, and the page's digest.

@@ -296,10 +296,6 @@ def resumed(run: RecordedRun, first: int) -> Resumed:
     Raises RecordingError if the record does not verify up to there.
     """
     stamp_ns = first * run.config("simulator").period_ns
-    if run.mode == "real_time" and not run.sourced:
-        raise _refused(
-            run, stamp_ns, "it was recorded before runs recorded what acted on the plant"
-        )
     fill_tables(run)
     if altered := run.recording.alterations():
         raise _refused(run, stamp_ns, f"altered: {altered[0]}")

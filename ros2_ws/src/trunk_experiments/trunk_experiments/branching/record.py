@@ -192,7 +192,7 @@ class _BranchRecorder(OfflineRecorder):
     ) -> None:
         resumed, state = branched.resumed, branched.resumed.checkpoint.state
         held = None
-        if run.sourced:
+        if run.real_time:
             since_ns = state.command_ns if resumed.commander else -1
             held = state.command, since_ns, resumed.commander
         within = Within(resumed.first, ahead_ns, run.recording.topic, self._source_of, held)
@@ -212,7 +212,7 @@ class _BranchRecorder(OfflineRecorder):
 
     def _source_of(self, node: str) -> str:
         """Return the source of a node's messages: its process's in the parent, or else this one."""
-        if not self._run.sourced:
+        if not self._run.real_time:
             return ""
         return self._resumed.sources.get(node) or f"{node}@{process_id()}"
 
@@ -257,7 +257,7 @@ class _BranchRecorder(OfflineRecorder):
     def _published(self) -> None:
         plan, topic, states = self._plan, self._run.recording.topic, self.states
         of_states = [topics.GROUND_TRUTH, topics.JOINT_STATES]
-        of_states += [topics.PLANT_INPUTS] if self._run.sourced else []
+        of_states += [topics.PLANT_INPUTS] if self._run.real_time else []
         counts = {"simulator": dict.fromkeys(of_states, states)}
         if pushes := sum(at_ns <= self._last_ns for at_ns, _ in plan.pushes):
             counts["simulator"][topics.OPERATOR_PUSH] = pushes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,6 @@ from trunk_control.laws import REGISTERED, LawError, law_named, package_of
 from trunk_control.reference import ReferenceConfig
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.csv_parameters import listed
-from trunk_msgs_util.parameters.declarations import Value, build
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 
@@ -62,15 +61,6 @@ def unknown_controllers(names: Iterable[str]) -> str:
     return "; ".join(
         [f"{', '.join(unknown)} {are} not known here: install the package that has it", *reasons]
     )
-
-
-def recorded_config(node: str, recorded: Mapping[str, Value]) -> Any:
-    """Return a node's configuration from its recorded parameters; some may be younger than the recording.
-
-    Raises ParameterError, KeyError for a node that is not ours.
-    """
-    config = NODES[node].config
-    return build(config, {**getattr(config, "unrecorded", {}), **recorded})
 
 
 def declared_names() -> dict[str, tuple[str, ...]]:

@@ -15,12 +15,12 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event, as_count
-from trunk_msgs_util.parameters.declarations import Value
+from trunk_msgs_util.parameters.declarations import Value, build
 from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 
-from ..plans.nodes import CONTROLLERS, recorded_config
+from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.timeline import Change
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Process:
     @cached_property
     def config(self) -> Any:
         """The configuration at the start. Raises ParameterError, KeyError for a node that is not ours."""
-        return recorded_config(self.node, self.parameters)
+        return build(NODES[self.node].config, self.parameters)
 
     @cached_property
     def changes(self) -> list[Change]:
@@ -149,7 +149,7 @@ def processes_of(run: RecordedRun, node: str) -> list[Process]:
     the order of the file: a node that answers states does not know before the first whether time is real.
     """
     name = run.recording.topic(node)
-    if not run.sourced:
+    if not run.real_time:
         return [_only_process(run, node, name)]
     events: dict[str, list[RunEvent]] = {}
     current = ""
@@ -230,7 +230,7 @@ def is_whole(run: RecordedRun, process: Process) -> bool:
     counts = process.published
     if counts is None:
         return complete and run.exact
-    if complete or not run.sourced:
+    if complete or not run.real_time:
         return True
     for topic, count in counts.items():
         if topic not in run.recording.topics:

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.parameters.declarations import ParameterError, Value
-from trunk_msgs_util.provenance import FORMAT
+from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
 from trunk_msgs_util.recording.columns import (
     Column,
     ColumnLoader,
@@ -116,9 +115,9 @@ class RecordedRun:
         return self.mode in EXACT_MODES
 
     @property
-    def sourced(self) -> bool:
-        """True for a real-time run whose messages name their processes and whose plant records its inputs."""
-        return self.mode == "real_time" and self.recording.provenance.get("format") == FORMAT
+    def real_time(self) -> bool:
+        """True if messages name their processes, and the plant recorded its inputs: time was not exact."""
+        return self.mode == "real_time"
 
     @cached_property
     def branch(self) -> BranchOf | None:
@@ -262,7 +261,7 @@ class RecordedRun:
 
     def _of_strangers(self, table: JointTable) -> JointTable:
         """Return the table; who copied a state's whole header, the simulator's source included, has none."""
-        if self.sourced and table.topic in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
+        if self.real_time and table.topic in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
             simulators = {process.source for process in self.processes("simulator")}
             table.frames = tuple("" if frame in simulators else frame for frame in table.frames)
         return table
@@ -338,9 +337,9 @@ class RecordedRun:
         Raises KeyError if it was not recorded, ParameterError if it cannot be used.
         """
         if node not in self._configs:
-            from ..plans.nodes import recorded_config
+            from ..plans.nodes import NODES
 
-            self._configs[node] = recorded_config(node, self.parameters[node])
+            self._configs[node] = build(NODES[node].config, self.parameters[node])
         return self._configs[node]
 
     def parameter_changes(self, node: str) -> list[ParameterChange]:

@@ -110,7 +110,7 @@ def unjudged(run: RecordedRun) -> list[str]:
     ]
     if not run.exact:
         lines.append("when commands and disturbances arrived: the wall clock decides that")
-    lines += _strangers(run) if run.sourced else []
+    lines += _strangers(run) if run.real_time else []
     if any(run.recording.topic(name) in run.recording.topics for name in topics.PICTURES):
         lines.append(f"the picture ({', '.join(topics.PICTURES)}): covered by digests alone")
     if run.another_controller:

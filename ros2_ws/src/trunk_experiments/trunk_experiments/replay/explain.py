@@ -168,10 +168,6 @@ def _explain(run: RecordedRun, at: float) -> Explanation:
         )
     if not ours:
         explicable(run)
-    elif run.mode == "real_time" and not run.sourced:
-        raise RecordingError(
-            f"{run.path}: recorded before real-time runs recorded which process sent what: record it again"
-        )
     rerun = Rerun(run) if ours else RobotRerun(run)
     commands = run.table(topics.EFFORT_COMMAND)
     # If several took turns: the one that updated last.

@@ -80,7 +80,7 @@ def _joints(run: RecordedRun) -> Iterator[str]:
     }
     for relative, (names, quantities) in expected.items():
         table = run.table(relative) if run.count(relative) else None
-        if table is None or names is None or (relative == topics.DISTURBANCE and run.sourced):
+        if table is None or names is None or (relative == topics.DISTURBANCE and run.real_time):
             continue
         if table.names != names:
             yield (
@@ -115,7 +115,7 @@ def _start_and_end(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     if end.values.get("states") != str(states):
         yield f"{states} states, but the run had {end.values.get('states')} by run/events"
     reason = end.values.get("reason")
-    if rerun.inputs.recorded and "commanded" in end.values:
+    if run.real_time and (run.branch is None or "commanded" in end.values):
         held = rerun.inputs.over(slice(0, max(states - 1, 0))).command_ns >= 0
         silent = int(np.argmax(held[::-1])) if held.any() else len(held)
         for name, count in (("commanded", int(held.sum())), ("silent", silent)):
@@ -142,16 +142,16 @@ def _start_and_end(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
 def _account(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     """Yield a line where the recorder's own rule does not call the run whole, by what is in the file."""
     recording = run.recording
-    whole, idle = [*OF_STATES_IN_REAL_TIME] if run.sourced else [*OF_STATES], 0
+    whole, idle = [*OF_STATES_IN_REAL_TIME] if run.real_time else [*OF_STATES], 0
     if run.exact and not (run.external or rerun.inputs.recorded):
         idle = len(idle_ns(run))
         whole += [] if idle else [topics.EFFORT_COMMAND]
-    account = Account(recording.topic, whole, run.sourced)
+    account = Account(recording.topic, whole, run.real_time)
     # A node may be called by the first part of a topic, such as plant.
     own = {recording.topic(relative): relative for relative in OF_STATES_IN_REAL_TIME}
     for name, topic in recording.topics.items():
         relative = own.get(name) or recording.relative(name)
-        if not run.sourced or topic.type != topics.JOINT_STATE_TYPE:
+        if not run.real_time or topic.type != topics.JOINT_STATE_TYPE:
             account.counts["", relative] += topic.count
             continue
         table = run.table(relative)

@@ -42,7 +42,7 @@ def parameter_contradictions(run: RecordedRun) -> Iterator[str]:
     for (node, source), recorded in sets.items():
         # A node that learns from the states that it is in real time names no source before: each of its
         # processes has such a set, also one whose events are lost. In lock-step it was restarted.
-        unnamed = run.sourced and not source
+        unnamed = run.real_time and not source
         alike = unnamed and all(values == recorded[0] for values in recorded)
         if len(recorded) > 1 and run.mode != "lockstep" and not alike:
             yield f"run/parameters: {len(recorded)} parameter sets of {node}"
@@ -74,5 +74,5 @@ def mode_contradictions(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
         yield f"recorded with {names}, but the run's origin names {', '.join(planned)}"
     simulated = [run.table(t) for t in (topics.GROUND_TRUTH, topics.EFFORT_COMMAND)]
     sourced = any("@" in frame for table in simulated for frame in table.frames)
-    if sourced != run.sourced:
+    if sourced != run.real_time:
         yield f"mode {run.mode}, but messages name {'their' if sourced else 'no'} sources"

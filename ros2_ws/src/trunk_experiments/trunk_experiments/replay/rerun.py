@@ -87,7 +87,7 @@ class Rerun:
         processes = [p for name in laws for p in run.processes(name) if p.parameters]
         period_ns = self.simulator.config.period_ns
         self.answers, self._refused = answers_of(run, processes, period_ns)
-        self._partial = self.inputs.recorded or run.sourced  # controllers did not get every state
+        self._partial = self.inputs.recorded or run.real_time  # controllers did not get every state
         self._marked = "fall.angle" in self.simulator.parameters
         self._commands = run.table(topics.EFFORT_COMMAND)
         # Turns by the schedule without their events: stamp, controller, True for active.

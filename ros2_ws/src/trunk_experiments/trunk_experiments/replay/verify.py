@@ -36,9 +36,6 @@ __all__ = [
 ]
 
 _MODES = {"real_time": "in real time", "lockstep": "in lock-step", "offline": "offline"}
-_NO_INPUTS = "recorded before real-time runs recorded what acted on the plant: record the run again"
-
-_NO_COUNT = "recorded before the simulator counted the steps with a command: record the run again"
 
 
 def verify(recording: Recording) -> Verdict:
@@ -99,17 +96,15 @@ def _unjudgeable(run: RecordedRun) -> str:
         return "no provenance: the mode of the run is not known"
     if reason := unrepeatable(run.arithmetic):
         return reason
-    if run.mode == "real_time" and not run.sourced:
-        return _NO_INPUTS
     known = bool(run.controllers) and set(run.controllers) <= set(CONTROLLERS)
-    strange = (run.sourced or bool(run.external)) and bool(run.count(topics.GROUND_TRUTH))
+    strange = (run.real_time or bool(run.external)) and bool(run.count(topics.GROUND_TRUTH))
     if not (known or strange or run.another_controller):
         unknown = unknown_controllers(run.controllers)
         return unknown or "no known controller's state is recorded"
     if "simulator" in run.parameters and not run.count(topics.GROUND_TRUTH):
         return f"{topics.GROUND_TRUTH}: no messages, but a simulator of ours ran"
     plant = {"simulator"} if run.count(topics.GROUND_TRUTH) else set()
-    disturbed = {"disturbance"} if run.count(topics.DISTURBANCE) and not run.sourced else set()
+    disturbed = {"disturbance"} if run.count(topics.DISTURBANCE) and not run.real_time else set()
     laws = set(run.controllers) if known else set()
     missing = (plant | disturbed | laws) - set(run.parameters)
     return f"no parameters recorded of {', '.join(sorted(missing))}" if missing else ""
@@ -182,11 +177,6 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         verdict.checks.append(check)
     if complete and not rivals:
         verdict.contradictions += contradictions(run, rerun)
-    counted = run.branch is not None or any(
-        e.message == Event.FINISHED and "commanded" in e.values for e in run.events
-    )
-    if complete and run.sourced and not counted:
-        verdict.obstacles.append(_NO_COUNT)
     verdict.obstacles += _failures(run)
     verdict.obstacles += [] if complete else recorder_was_inactive(run)
     verdict.obstacles += missing(run, rerun)

@@ -13,6 +13,7 @@ import numpy as np
 
 from .. import topics as names
 from ..events import Event
+from ..provenance import FORMAT
 from .bag_folder import METADATA, bag_folder
 from .blocks import name_of
 from .digests import DIGESTS, END, PROVENANCE, RunningDigests, differing, uncoverable, uncovered
@@ -381,12 +382,21 @@ class Recording(RecordedFiles):
     def _opened(self, progress: Callable[[int, int], None]) -> Recording:
         try:
             self._scan(progress)
+            self._check_format()
             self._look_at_messages()
         except OSError as error:
             raise RecordingError(
                 f"{self.path}: {error.strerror}: give a readable MCAP file"
             ) from None
         return self
+
+    def _check_format(self) -> None:
+        written = self.provenance.get("format", "none")
+        if "mode" in self.provenance and written != FORMAT:
+            raise RecordingError(
+                f"{self.path} is of format {written!r:.20}, this version reads format {FORMAT!r}: "
+                "record the run again, or read it with the version that wrote it"
+            )
 
     def _look_at_messages(self) -> None:
         """Warn of messages that cannot be read: everything else goes on without them."""
