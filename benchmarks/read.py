@@ -18,7 +18,7 @@ from rosbags.highlevel import AnyReader
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_arrays import QUANTITIES, JointArrays
+from trunk_msgs_util.recording.joint_table import QUANTITIES, JointTable
 from trunk_msgs_util.recording.reader import Recording
 
 from .harness import BenchError, Row
@@ -44,7 +44,7 @@ def compare(rounds: int = 5, duration: float = 20.0, run: str = "") -> list[Row]
     return [Row.of(name, times[ours], times[theirs], "us", at_least=READ_GOAL, inverse=True)]
 
 
-def ours(path: Path) -> dict[str, JointArrays]:
+def ours(path: Path) -> dict[str, JointTable]:
     """Return the arrays of all JointState topics."""
     recording = Recording.open(path)
     wanted = [
@@ -52,7 +52,7 @@ def ours(path: Path) -> dict[str, JointArrays]:
         for name, topic in recording.topics.items()
         if topic.type == topics.JOINT_STATE_TYPE and topic.count
     ]
-    return dict(recording.joints_of(wanted))
+    return recording.tables(dict.fromkeys(wanted))
 
 
 def theirs(path: Path) -> dict[str, list[Any]]:

@@ -18,3 +18,7 @@ class TrunkError(Exception):
     """
 
     exit_code: ClassVar[int] = EXIT_USAGE
+
+
+class RecordingError(TrunkError):
+    """The file cannot be used as a recording: one line that names it and says what to do."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from trunk_msgs_util.compiled import twin
 from trunk_msgs_util.elementary import log
-from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.joint_table import Integers
 
 DRAWS = 6  # random integers of 53 bits in each step: burst, loss, delay; copy, its loss, its delay
 MOST_LATE = 1_000_000  # steps; so many messages are kept

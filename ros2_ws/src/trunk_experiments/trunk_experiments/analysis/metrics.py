@@ -14,7 +14,7 @@ from trunk_msgs_util.units import seconds
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from trunk_msgs_util.recording.joint_arrays import Floats
+    from trunk_msgs_util.recording.joint_table import Floats
 
     from .run_table import RunTable
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -11,8 +11,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError, build
-from trunk_msgs_util.recording.columns import Column, in_turn, series_of
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Column, Floats, Integers, JointTable
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS, seconds
 
@@ -67,9 +66,8 @@ class RunTable:
         columns = dict.fromkeys(("theta_measured", *_HELD), nothing)
         if held and states:
             terms = {name: series.pop(topics.controller_state(name)) for name in run.controllers}
-            state = in_turn(list(terms.values()))
-            for name in held:
-                columns[name] = held_at(at, state.stamp_ns, state.column("position", name))
+            for name, (stamps, values) in in_turn(list(terms.values()), held).items():
+                columns[name] = held_at(at, stamps, values)
             firsts = {
                 int(record.stamp_ns[0]): name
                 for name, record in terms.items()
@@ -94,9 +92,7 @@ class RunTable:
         torque = np.append(effort[1:], np.nan)
         # A node of somebody else's may say more on the topic than what the plant takes.
         command = (
-            run.table(topics.EFFORT_COMMAND).arrays
-            if run.external
-            else series.pop(topics.EFFORT_COMMAND)
+            run.table(topics.EFFORT_COMMAND) if run.external else series.pop(topics.EFFORT_COMMAND)
         )
         torque[-1] = _last_torque(
             run, at, float(effort[-1]), command.stamp_ns, command.column("effort", trunk)
@@ -153,16 +149,10 @@ class RunTable:
         """
         states, commands = run.table(topics.JOINT_STATES), run.table(topics.EFFORT_COMMAND)
         joint = run.config(run.judgeable[0]).joint
-        rows, given = states.arrays.by_stamp(), commands.arrays.by_stamp()
+        rows, given = states.by_stamp(), commands.by_stamp()
         at, angle = rows.stamp_ns, rows.column("position", joint)
-        terms = in_turn(
-            [
-                series_of(
-                    run.joints(topics.controller_state(name)), [("position", n) for n in _HELD]
-                )
-                for name in run.controllers
-            ]
-        )
+        states_of = [run.joints(topics.controller_state(name)) for name in run.controllers]
+        held = {name: held_at(at, *values) for name, values in in_turn(states_of, _HELD).items()}
         nothing = np.full(at.shape, np.nan)
         return cls(
             t=(at - run.begin_ns) / NANOSECONDS,
@@ -174,8 +164,26 @@ class RunTable:
             torque=np.nan_to_num(
                 held_at(at, given.stamp_ns, given.column("effort", joint)), nan=0.0
             ),
-            **{n: held_at(at, terms.stamp_ns, terms.column("position", n)) for n in _HELD},
+            **held,
         )
+
+
+def in_turn(
+    tables: Sequence[JointTable], names: Collection[str]
+) -> dict[str, tuple[Integers, Floats]]:
+    """Return positions of several topics, merged by increasing stamp: stamps and values by name."""
+    ordered = [table.by_stamp() for table in tables]
+    stamp_ns = np.concatenate([table.stamp_ns for table in ordered])
+    rows: Integers | slice = slice(None)
+    if len(ordered) > 1:
+        stamp_ns, rows = np.unique(stamp_ns, return_index=True)
+    return {
+        name: (
+            stamp_ns,
+            np.concatenate([table.column("position", name) for table in ordered])[rows],
+        )
+        for name in names
+    }
 
 
 TABLE_UNITS = {
@@ -260,8 +268,6 @@ def _joints(run: RecordedRun) -> tuple[str, str]:
         raise RecordingError(
             f"{run.path} has no messages on {topic}: record a run with the simulator in it"
         )
-    if reason := run.recording.unreadable(topic):
-        raise RecordingError(f"{run.path}: {topic}: {reason}")
     declared = run.parameters.get("simulator", {}).get("joints")
     if isinstance(declared, tuple) and len(declared) == 2:
         joints = str(declared[0]), str(declared[1])
@@ -347,14 +353,10 @@ def terms(run: RecordedRun, table: RunTable) -> dict[str, Floats]:
     names = [name for name in recorded if name not in (*COLUMNS, "measurement")]
     if not names:
         return {}
-    columns = [("position", name) for name in names]
-    merged = in_turn([series_of(run.joints(state), columns) for state in states])
     at = _stamps(run, table)
     return {
-        COMMAND if name == "effort" else name: held_at(
-            at, merged.stamp_ns, merged.column("position", name)
-        )
-        for name in names
+        COMMAND if name == "effort" else name: held_at(at, *values)
+        for name, values in in_turn([run.joints(state) for state in states], names).items()
     }
 
 

@@ -15,9 +15,8 @@ Described in docs/api.md.
 
 from __future__ import annotations
 
-from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.errors import RecordingError, TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.recording.topic import RecordingError
 from trunk_sim.simulation import DivergedError
 
 from ..analysis.parameter_text import ChangedParameter

@@ -12,8 +12,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from trunk_msgs_util.errors import RecordingError
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.recording.topic import RecordingError
 from trunk_msgs_util.text import printable
 
 from ..errors import PlanError
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from trunk_msgs_util.parameters.declarations import Value
-    from trunk_msgs_util.recording.joint_arrays import Floats
+    from trunk_msgs_util.recording.joint_table import Floats
 
     from ..analysis.parameter_text import ChangedParameter
     from ..analysis.run_table import RunTable

@@ -19,7 +19,7 @@ from trunk_control.pid_family import PidState
 from trunk_control.reference import ReferenceProfile
 from trunk_msgs_util.compiled import compiled, twin, with_arrays
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import seconds, step_count
 from trunk_sim.disturbances import Signals
 from trunk_sim.noise import noise_samples

@@ -15,7 +15,7 @@ from trunk_control.decide import Output
 from trunk_control.law import Law
 from trunk_control.laws import law_named
 from trunk_msgs_util.compiled import compiled_or_plain, with_arrays
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import noise_samples

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from trunk_control.decide import Output
 from trunk_control.laws import law_named
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import standard_normal

@@ -24,7 +24,7 @@ from trunk_control.law import Constants, Hip, Law, Lookup, Sample
 from trunk_control.limits import Limits
 from trunk_control.pid_family import PidState
 from trunk_control.reference import ReferenceProfile, reference_at
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState, rk4_step

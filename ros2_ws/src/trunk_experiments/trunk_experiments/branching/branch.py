@@ -33,7 +33,6 @@ from ..recorded.run import RecordedRun, usable
 from ..replay.checks import Check, describe
 from ..replay.in_force import check_disturbances, check_inputs
 from ..replay.rerun import Rerun
-from ..replay.verify import fill_tables
 from ..runs.engine import Checkpoint
 
 
@@ -296,7 +295,6 @@ def resumed(run: RecordedRun, first: int) -> Resumed:
     Raises RecordingError if the record does not verify up to there.
     """
     stamp_ns = first * run.config("simulator").period_ns
-    fill_tables(run)
     if altered := run.recording.alterations():
         raise _refused(run, stamp_ns, f"altered: {altered[0]}")
     rerun = Rerun(run)

@@ -14,9 +14,9 @@ from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.files import atomic_write, resolve_path
 from trunk_msgs_util.parameters.declarations import declarations
-from trunk_msgs_util.recording.file import RecordingFile
 from trunk_msgs_util.recording.interleaved import Rows
-from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.joint_table import Integers
+from trunk_msgs_util.recording.mcap_file import McapFile
 from trunk_msgs_util.recording.messages import Messages, unaligned
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
@@ -73,7 +73,7 @@ class Past:
         return own and not (self._run.table(relative).stamp_ns < self._stamp_ns).any()
 
     def _rows(
-        self, source: RecordingFile, messages: Messages, numbers: Mapping[str, int]
+        self, source: McapFile, messages: Messages, numbers: Mapping[str, int]
     ) -> Iterator[Rows]:
         """Yield the messages of a block that belong to the past, in their order."""
         channels = messages.channels()
@@ -96,7 +96,7 @@ class Past:
                 at = np.array([row])
                 yield Rows(numbers[name], at, messages.log_time_ns[at], data)
 
-    def _before(self, source: RecordingFile, messages: Messages, channels: Integers) -> Any:
+    def _before(self, source: McapFile, messages: Messages, channels: Integers) -> Any:
         stamps = message_stamps(source, messages, channels)
         stamped = [c for c in np.unique(channels).tolist() if source.type_of(c) in STAMPED]
         known = np.isin(channels, stamped)

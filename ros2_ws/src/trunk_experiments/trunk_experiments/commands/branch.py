@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from trunk_msgs_util.recording.topic import RecordingError
+from trunk_msgs_util.errors import RecordingError
 from trunk_sim.simulation import DivergedError
 
 from ..branching.branch import Branch, fanned
@@ -106,7 +106,7 @@ def command(
     """
     branches = fanned(list(_branches(ctx)), grid)
     paths = _paths(branches, run, output, force)
-    parent = open_run(run)
+    parent = open_run(run, whole=True)
     made = [_branched(parent, branch, duration) for branch in branches]
     if output not in paths:
         output.mkdir(parents=True, exist_ok=True)

@@ -32,7 +32,7 @@ def command(context: click.Context, run: Path, as_json: bool) -> None:
     Exit code: 0 nothing wrong, 1 findings, 2 unreadable.
     """
     with reading(run, "examining") as tell:
-        recorded = RecordedRun(Recording.open(run, tell))
+        recorded = RecordedRun(Recording.open(run, tell, whole=True))
         problems = findings(recorded)
     code = exit_code(problems)
     if as_json:

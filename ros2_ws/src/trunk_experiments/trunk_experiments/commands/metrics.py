@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
+from trunk_msgs_util.errors import RecordingError
 from trunk_msgs_util.files import resolve_path
-from trunk_msgs_util.recording.topic import RecordingError
 
 from ..analysis.metrics import QUANTITIES, has_level, missing
 from ..analysis.run_table import recorded_metrics, table_and_metrics

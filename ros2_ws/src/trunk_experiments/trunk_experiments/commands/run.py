@@ -8,8 +8,8 @@ from typing import Any
 import click
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.errors import RecordingError
 from trunk_msgs_util.node import middleware
-from trunk_msgs_util.recording.topic import RecordingError
 
 from ..analysis.run_table import recorded_metrics
 from ..console.document import json_option, write_json

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from trunk_msgs_util.errors import RecordingError
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.recording.topic import RecordingError
 from trunk_sim.simulation import DivergedError
 
 from ..console.document import json_option, write_json

@@ -82,7 +82,7 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> tuple[Recordi
             f"--signature {signature}: it does not exist: give a file written by trunk sign"
         )
     with reading(run) as tell:
-        recording = Recording.open(run, tell)
+        recording = Recording.open(run, tell, whole=True)
     with progress_bar(f"recomputing {resolve_path(run).name}"):
         verdict = verify(recording)
     judge_signature(verdict, recording, trusted, str(key), signature)

@@ -31,10 +31,10 @@ def reading(path: Path, verb: str = "reading") -> AbstractContextManager[Tell]:
     return progress_bar(f"{verb} {resolve_path(path).name}", _LONG)
 
 
-def open_run(path: Path) -> RecordedRun:
+def open_run(path: Path, whole: bool = False) -> RecordedRun:
     """Open a recorded run. Raises RecordingError."""
     with reading(path) as tell:
-        return RecordedRun(Recording.open(path, tell))
+        return RecordedRun(Recording.open(path, tell, whole))
 
 
 def run_values(run: RecordedRun, doubts: Doubts | None = None, judged: str | None = None) -> Values:

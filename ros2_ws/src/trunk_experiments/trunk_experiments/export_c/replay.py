@@ -54,7 +54,7 @@ def recorded_rows(run: RecordedRun, e: ExportedController) -> list[ExportedStep]
     times = e.config.active_times_ns
     reference: float | None = None
     rows = []
-    for k, stamp_ns in enumerate(states.stamps):
+    for k, stamp_ns in enumerate(states.stamp_ns.tolist()):
         reference = plan.references.get(stamp_ns, reference)
         motion = Hip() if hip is None else Hip(float(position[k, hip]), float(velocity[k, hip]))
         row = commands.row(stamp_ns)

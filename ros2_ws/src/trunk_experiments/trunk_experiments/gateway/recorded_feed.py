@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from trunk_msgs_util.parameters.declarations import Value
-    from trunk_msgs_util.recording.joint_arrays import Floats, JointArrays
+    from trunk_msgs_util.recording.joint_table import Floats, JointTable
 
     from .protocol import Asked
 
@@ -122,9 +122,9 @@ class RecordedFeed:
         put_stream(self.board, self.streams, name, StreamRows.of(columns, values))
 
 
-def _seconds(arrays: JointArrays) -> Floats:
+def _seconds(arrays: JointTable) -> Floats:
     return arrays.stamp_ns / NANOSECONDS
 
 
-def _plant(truth: JointArrays) -> Floats:
+def _plant(truth: JointTable) -> Floats:
     return np.column_stack([_seconds(truth), truth.position, truth.velocity, truth.effort[:, 1]])

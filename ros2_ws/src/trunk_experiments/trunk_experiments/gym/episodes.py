@@ -16,7 +16,7 @@ from trunk_control.limits import Limits, limited
 from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState
 from trunk_msgs_util.compiled import twin, with_arrays
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_sim.disturbances import Signals
 from trunk_sim.noise import fill, random_bits
 from trunk_sim.plant import rk4_step

@@ -17,7 +17,7 @@ from trunk_control.limits import Limits, limited
 from trunk_control.pid import LAW, PidConfig, pid_update
 from trunk_control.pid_family import Gains, PidState, Terms
 from trunk_msgs_util.parameters.declarations import build, values_of
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.simulation import DivergedError

@@ -13,7 +13,7 @@ from trunk_control.fuzzy import fired_at
 from trunk_control.law import Law
 from trunk_control.laws import law_named
 from trunk_control.rule_base import RuleBaseConfig
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_sim.disturbances import Disturbance, disturbance_at
 from trunk_sim.noise import standard_normal
 from trunk_sim.simulation import too_far

@@ -11,7 +11,7 @@ import numpy as np
 
 from trunk_msgs_util.parameters.declarations import UnitError, Value, build, values_of
 from trunk_msgs_util.parameters.to_si import number_in
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_msgs_util.units import held, nanoseconds, seconds
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import CHANNELS

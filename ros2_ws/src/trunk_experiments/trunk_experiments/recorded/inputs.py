@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.links import Traffic
@@ -23,7 +23,8 @@ from .processes import simulator_of
 from .turns import exact_from_ns, idle_ns
 
 if TYPE_CHECKING:
-    from .joint_table import JointTable
+    from trunk_msgs_util.recording.joint_table import JointTable
+
     from .run import RecordedRun
 
 Bools: TypeAlias = NDArray[np.bool_]
@@ -79,7 +80,7 @@ class RecordedInputs:
     def _read_sources(self, run: RecordedRun, table: JointTable) -> None:
         if not len(table):
             return
-        if table.names != NAMES or any(table.widths[q] != 5 for q in ("position", "velocity")):
+        if table.names != NAMES or any(table.width(q) != 5 for q in ("position", "velocity")):
             raise RecordingError(
                 f"{run.path}: {topics.PLANT_INPUTS}: not as a simulator writes it: it cannot be recomputed"
             )
@@ -118,7 +119,7 @@ class RecordedInputs:
         if len(self._commands):
             rows = self._commands.rows_of(stamps)
             there = rows >= 0
-            command[there] = self._commands.columns("effort", 1)[rows[there], 0]
+            command[there] = self._commands.values("effort", 1)[rows[there], 0]
             command_ns[there] = stamps[there]
         if len(self._disturbances):
             rows = self._disturbances.rows_of(stamps)
@@ -161,7 +162,7 @@ def disturbances(table: JointTable, rows: slice | Integers) -> Floats:
 
     Raises RecordingError if they are not those of two joints.
     """
-    effort, position = (table.columns(quantity, 2) for quantity in ("effort", "position"))
+    effort, position = (table.values(quantity, 2) for quantity in ("effort", "position"))
     return np.hstack([effort[rows], position[rows]])
 
 
@@ -179,7 +180,7 @@ def operated_of(run: RecordedRun) -> Operated:
     except ParameterError as error:
         raise RecordingError(f"{run.path}: {error}") from None
     table = run.table(topics.OPERATOR_PUSH)
-    if table.widths["effort"] != 2 or (np.diff(table.stamp_ns) <= 0).any():
+    if table.width("effort") != 2 or (np.diff(table.stamp_ns) <= 0).any():
         raise RecordingError(f"{run.path}: {table.topic}: not as a simulator writes it")
     values = map(Applied._make, table.values("effort").tolist())
     return Operated(tuple(zip(table.stamp_ns.tolist(), values, strict=True)), limits)

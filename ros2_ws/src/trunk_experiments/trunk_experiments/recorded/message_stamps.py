@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from trunk_msgs_util.recording.file import RecordingFile
-from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.joint_table import Integers
+from trunk_msgs_util.recording.mcap_file import McapFile
 from trunk_msgs_util.recording.messages import Messages, unaligned
 from trunk_msgs_util.recording.topic import STAMPED
 from trunk_msgs_util.units import NANOSECONDS
 
 
-def message_stamps(source: RecordingFile, messages: Messages, number: Integers) -> Integers:
+def message_stamps(source: McapFile, messages: Messages, number: Integers) -> Integers:
     """Return each message's stamp in ns [N]; ``number`` [N] are their channels."""
     stamped = {c for c in np.unique(number).tolist() if source.type_of(c) in STAMPED}
     _, log, start, end = messages

@@ -11,7 +11,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.provenance import unrepeatable
-from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.joint_table import Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
@@ -138,5 +138,5 @@ def references_of(run: RecordedRun) -> dict[int, float]:
             terms = run.table(topics.controller_state(name))
             values = terms.values("position")
             if len(terms) and values.shape[1]:
-                references |= dict(zip(terms.stamps, values[:, 0].tolist(), strict=True))
+                references |= dict(zip(terms.stamp_ns.tolist(), values[:, 0].tolist(), strict=True))
     return references

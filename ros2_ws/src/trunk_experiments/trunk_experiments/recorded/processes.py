@@ -16,7 +16,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event, as_count
 from trunk_msgs_util.parameters.declarations import Value, build
-from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.joint_table import Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 
@@ -24,7 +24,8 @@ from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.timeline import Change
 
 if TYPE_CHECKING:
-    from .joint_table import JointTable
+    from trunk_msgs_util.recording.joint_table import JointTable
+
     from .run import RecordedRun
 
 _TURNS = (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP)

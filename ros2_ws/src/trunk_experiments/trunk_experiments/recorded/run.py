@@ -5,7 +5,7 @@ The modules for planning are imported only where a recording is used as a plan: 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from math import isfinite
@@ -15,25 +15,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
-from trunk_msgs_util.recording.columns import (
-    Column,
-    ColumnLoader,
-    Series,
-    joint_names,
-    read_series,
-    series_of,
-)
-from trunk_msgs_util.recording.joint_arrays import JointArrays
+from trunk_msgs_util.recording.joint_table import Column, JointTable
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
-from trunk_msgs_util.topics import EXTERNAL, JOINT_STATE_TYPE
-
-from .joint_table import JointTable
+from trunk_msgs_util.topics import EXTERNAL
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_arrays import Integers
-    from trunk_msgs_util.recording.messages import Messages
-
     from ..plans.plan import RunPlan
     from ..plans.pushes import Operated
     from ..plans.timeline import Change, Timeline
@@ -76,7 +63,6 @@ def branch_of(provenance: Mapping[str, str]) -> BranchOf | None:
     return branch if isfinite(at) else None
 
 
-LOOP = (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND, topics.DISTURBANCE)
 _ANOTHER_CLOCK = 3_600_000_000_000  # ns: no recorder misses the states of a whole hour and is used
 EXACT_MODES = ("lockstep", "offline")  # every state is answered, and can be recomputed
 
@@ -90,14 +76,17 @@ class RecordedRun:
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
         self._tables: dict[str, JointTable] = {}
-        self._kept: dict[str, Series] = {}
+        self._kept: dict[str, tuple[set[Column], JointTable]] = {}
+        self._filled: dict[str, JointTable] | None = (
+            None  # read with the recording, not yet asked for
+        )
         self._configs: dict[str, Any] = {}
         self._processes: dict[str, list[Process]] = {}
 
     @classmethod
-    def open(cls, path: str | Path) -> RecordedRun:
-        """Open a recording. Raises RecordingError."""
-        return cls(Recording.open(path))
+    def open(cls, path: str | Path, whole: bool = False) -> RecordedRun:
+        """Open a recording, as `Recording.open` does. Raises RecordingError."""
+        return cls(Recording.open(path, whole=whole))
 
     @property
     def path(self) -> Path:
@@ -222,46 +211,23 @@ class RecordedRun:
     def table(self, relative: str) -> JointTable:
         """Return a JointState topic's table."""
         if relative not in self._tables:
-            needed = self._needed if relative == topics.JOINT_STATES else ()
-            strange = relative == topics.EFFORT_COMMAND and bool(self.external)
-            joint = self._plants_joint if strange else None
-            table = JointTable(self.recording, relative, needed, joint=joint)
-            self._tables[relative] = self._of_strangers(table)
+            self._tables[relative] = self._meant(self._read(relative))
         return self._tables[relative]
 
-    def fill_tables(self, blocks: Iterable[Mapping[str, Messages]]) -> None:
-        """Fill tables while all blocks pass; for regular topics only, the others are read when needed.
+    def _read(self, relative: str) -> JointTable:
+        topic = self.recording.topic(relative)
+        if self._filled is None:
+            self._filled = self.recording.filled()
+        return self._filled.pop(topic) if topic in self._filled else self.recording.joints(topic)
 
-        Values of controllers' terms are not kept: those of an hour at 1 kHz take 370 MB.
-        """
-        if self.another_robot:  # tables leave out what our controllers skip
-            for _ in blocks:
-                pass
-            return
-        loop = [t for t in LOOP if self.count(t) and t not in self._tables]
-        terms = [topics.controller_state(name) for name in self.controllers]
-        loaders = {
-            relative: ColumnLoader(self.count(relative), values=relative not in terms)
-            for relative in (*loop, *terms)
-            if self.recording.topics[self.recording.topic(relative)].type == JOINT_STATE_TYPE
-        }
-        for block in blocks:
-            for relative, loader in loaders.items():
-                messages = block.get(self.recording.topic(relative))
-                if messages is not None:
-                    loader.take(messages)
-        known_ns: Integers | None = None
-        for relative in list(loaders):
-            loader = loaders.pop(relative)
-            others = relative == topics.EFFORT_COMMAND and bool(self.external)
-            if loader.whole and not (others and not loader.is_effort_of(self._plants_joint)):
-                table = JointTable(self.recording, relative, (), loader, known_ns)
-                known_ns = table.stamp_ns if known_ns is None else known_ns
-                self._tables[relative] = self._of_strangers(table)
-
-    def _of_strangers(self, table: JointTable) -> JointTable:
-        """Return the table; who copied a state's whole header, the simulator's source included, has none."""
+    def _meant(self, table: JointTable) -> JointTable:
+        """Return the messages that nodes of ours took, by the sources that they have."""
+        if table.topic == topics.JOINT_STATES:
+            table = table.finite(self._needed)
+        if table.topic == topics.EFFORT_COMMAND and self.external and self._plants_joint:
+            table = table.efforts_on(self._plants_joint)
         if self.real_time and table.topic in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
+            # Who copied a state's whole header, the simulator's source included, has none.
             simulators = {process.source for process in self.processes("simulator")}
             table.frames = tuple("" if frame in simulators else frame for frame in table.frames)
         return table
@@ -286,50 +252,40 @@ class RecordedRun:
 
         return operated_of(self)
 
-    def joints(self, topic: str) -> JointArrays:
+    def joints(self, topic: str) -> JointTable:
         """Return a JointState topic's messages, its name relative or absolute.
 
         They are those of its table if that was read, and else not kept: all topics of an hour at
         1 kHz take more than 1 GiB.
         """
         kept = self._tables.get(self.recording.relative(topic))
-        if kept is not None:
-            return kept.arrays
-        return self.recording.joints(self.recording.topic(topic))
+        return kept if kept is not None else self._read(topic)
 
     def joint_names(self, relative: str) -> Sequence[str]:
         """Return the names in a JointState topic's first message; none without messages."""
-        return joint_names(self.recording, self.recording.topic(relative))
+        return self.recording.joint_names(self.recording.topic(relative))
 
-    def series(self, wanted: Mapping[str, Collection[Column]]) -> dict[str, Series]:
-        """Return columns of some JointState topics, empty ones for topics that were not recorded.
+    def series(self, wanted: Mapping[str, Collection[Column]]) -> dict[str, JointTable]:
+        """Return columns of some JointState topics by increasing stamp, empty tables without messages.
 
         They are those of the tables that were read, or that `keep_series` keeps; the others are read in one
         pass and not kept.
         """
         known = {
-            topic
+            topic: self._tables[topic] if topic in self._tables else self._kept[topic][1]
             for topic, columns in wanted.items()
-            if topic in self._kept and set(columns) <= self._kept[topic].columns.keys()
+            if topic in self._tables
+            or (topic in self._kept and set(columns) <= self._kept[topic][0])
         }
-        names = {
-            topic: self.recording.topic(topic)
-            for topic in wanted
-            if topic not in self._tables and topic not in known
-        }
-        series = read_series(self.recording, {name: wanted[topic] for topic, name in names.items()})
-        return {
-            topic: series.pop(names[topic])
-            if topic in names
-            else self._kept[topic]
-            if topic in known
-            else series_of(self._tables[topic].arrays, columns)
-            for topic, columns in wanted.items()
-        }
+        names = {self.recording.topic(topic): topic for topic in wanted if topic not in known}
+        read = self.recording.tables({name: wanted[topic] for name, topic in names.items()})
+        known |= {names[name]: table for name, table in read.items()}
+        return {topic: known[topic].by_stamp() for topic in wanted}
 
     def keep_series(self, wanted: Mapping[str, Collection[Column]]) -> None:
         """Read columns of some JointState topics in one pass, for all who ask `series` for them."""
-        self._kept |= self.series(wanted)
+        series = self.series(wanted)
+        self._kept |= {topic: (set(wanted[topic]), table) for topic, table in series.items()}
 
     def config(self, node: str) -> Any:
         """Return a node's configuration at the start.

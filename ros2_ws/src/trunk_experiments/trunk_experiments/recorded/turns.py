@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.joint_table import Integers
 from trunk_msgs_util.units import nanoseconds, seconds
 
 from ..plans.timeline import begins_active

@@ -11,7 +11,7 @@ import numpy as np
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 
 from ..recorded.inputs import Bools
 from ..recorded.processes import Process, UnorderedError
@@ -34,7 +34,7 @@ class Answers:
         self.lacking: Difference | None = None  # the first update without its terms
         commands, self._table = run.table(topics.EFFORT_COMMAND), run.table(self.topic)
         if len(self._table):
-            self._table.check_columns("position", len(law_named(process.node).record_names))
+            self._table.check_width("position", len(law_named(process.node).record_names))
         # Rows of all commands and terms; None: they are all this process's.
         self._terms_rows = None if process.sent_all(self._table) else process.rows(self._table)
         self._terms_stamps = stamps = process.stamps(self._table)

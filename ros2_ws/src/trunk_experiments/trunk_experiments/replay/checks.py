@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_msgs_util.units import seconds
 
 from ..recorded.inputs import Bools

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.joint_table import Integers
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS

@@ -11,7 +11,7 @@ import numpy as np
 
 from trunk_control.rule_tables import axes_of, is_table
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays
+from trunk_msgs_util.recording.joint_table import QUANTITIES, Integers, JointTable
 from trunk_msgs_util.units import seconds
 
 from ..analysis.parameter_text import change_grid, change_text, changed_parameters, differing_texts
@@ -215,7 +215,7 @@ def _state_topics(a: RecordedRun, b: RecordedRun) -> list[str]:
 
 
 def _compare(
-    relative: str, a: JointArrays, b: JointArrays
+    relative: str, a: JointTable, b: JointTable
 ) -> tuple[set[int], FirstDifference | None]:
     """Return the stamps at which a topic differs, and the first difference."""
     steps: set[int] = set()

@@ -13,15 +13,18 @@ from trunk_msgs_util import topics as names
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import NONE
-from trunk_msgs_util.recording.bag_folder import bag_folder
-from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays, decode
+from trunk_msgs_util.recording.joint_table import (
+    QUANTITIES,
+    Integers,
+    JointTable,
+)
+from trunk_msgs_util.recording.mcap_file import ERROR, INFO, WARNING, Finding
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.structure import ERROR, INFO, WARNING, Finding, structure
+from trunk_msgs_util.recording.summary import structure
 from trunk_msgs_util.units import period_ns as period_of
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, NODES
-from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
 
 __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine", "findings"]
@@ -48,17 +51,16 @@ def examine(
 
     Raises RecordingError if the path does not exist or is not a recording at all.
     """
-    return findings(RecordedRun(Recording.open(path, progress)))
+    return findings(RecordedRun(Recording.open(path, progress, whole=True)))
 
 
 def findings(run: RecordedRun) -> list[Finding]:
     """Return all findings on a run that is open. Raises RecordingError if it is not readable any more."""
     recording, path = run.recording, run.path
     problems: list[Finding] = []
-    files = bag_folder(path).files if path.is_dir() else [path]
     try:
-        for file in files:
-            problems += structure(file, recording.walks.get(file))
+        for file in recording.opened:
+            problems += structure(file)
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}: give a readable file") from None
     # The structure check has already reported what the scan says of damaged bytes, with their place.
@@ -71,86 +73,28 @@ def findings(run: RecordedRun) -> list[Finding]:
     problems += _provenance(run)
     content: list[Finding] = []
     try:
-        examined = _examined(recording)
-        content += _evidence(run, examined)
-        roles = _Roles.of(run)
-        for name, joints in sorted(examined.items()):
+        roles, seen = _Roles.of(run), dict[str, JointTable]()
+        for name, topic in sorted(recording.topics.items()):
+            if topic.type != names.JOINT_STATE_TYPE or not topic.readable:
+                continue
             if run.another_robot and name == recording.topic(names.JOINT_STATES):
                 # Others' joints share the topic: only what our controllers look at counts.
                 content += _order(run.table(names.JOINT_STATES).stamp_ns, name, WARNING)
             else:
+                joints = run.joints(name)
                 content += _joints(run, roles, name, joints)
+                seen[name] = joints.rows(np.zeros(0, np.int64))  # an hour of all topics takes 2 GB
+        content = [*_evidence(run, seen), *content]
     except RecordingError as error:
         content.append(Finding(ERROR, str(error).removeprefix(f"{path}: ")))
-    problems += [  # the pass over the content has made the digests
+    problems += [
         Finding(ERROR, f"{part}: not as the recorder wrote it (digest)")
         for part in recording.alterations()
     ]
     return problems + content
 
 
-class _Examined:
-    """What is kept of a topic's messages as they pass: their stamps, and where numbers are not finite.
-
-    An hour at 1 kHz would take 2 GB with all values.
-    """
-
-    def __init__(self, count: int) -> None:
-        self.names: tuple[str, ...] = ()
-        self.widths = dict.fromkeys(QUANTITIES, 0)
-        self.stamp_ns: Integers = np.empty(count, np.int64)
-        self.bad: dict[tuple[str, str], tuple[float, list[Integers]]] = {}
-        self.count = 0
-        self.regular = True  # all messages have the same names and quantities
-
-    def __len__(self) -> int:
-        return self.count
-
-    def take(self, joints: JointArrays) -> None:
-        """Take the next messages."""
-        widths = {quantity: getattr(joints, quantity).shape[1] for quantity in QUANTITIES}
-        if not self.count:
-            self.names, self.widths = joints.names, widths
-        first, self.count = self.count, self.count + len(joints)
-        if (joints.names, widths) != (self.names, self.widths) or self.count > len(self.stamp_ns):
-            self.regular = False
-            return
-        self.stamp_ns[first : self.count] = joints.stamp_ns
-        for quantity in QUANTITIES:
-            finite = np.isfinite(getattr(joints, quantity))
-            for column in np.flatnonzero(~finite.all(axis=0)).tolist():
-                rows = np.flatnonzero(~finite[:, column])
-                value = float(getattr(joints, quantity)[rows[0], column])
-                place = self.bad.setdefault((quantity, joints.names[column]), (value, []))
-                place[1].append(joints.stamp_ns[rows])
-
-
-def _examined(recording: Recording) -> dict[str, _Examined]:
-    """Look through the JointState topics that can be read, by absolute name, in one pass.
-
-    Raises RecordingError.
-    """
-    readable = {
-        name: _Examined(topic.readable)
-        for name, topic in recording.topics.items()
-        if topic.type == names.JOINT_STATE_TYPE and topic.readable
-    }
-    for _, block in recording.survey():
-        for name in readable.keys() & block.keys():
-            try:
-                readable[name].take(decode(block[name]))
-            except (ValueError, OverflowError) as error:
-                raise RecordingError(
-                    f"{recording.path}: {name} cannot be read as JointState: {error}"
-                ) from None
-    for name in [name for name, joints in readable.items() if not joints.regular]:
-        whole = recording.joints(name)  # a name that some messages lack is NaN there
-        readable[name] = _Examined(len(whole))
-        readable[name].take(whole)
-    return readable
-
-
-def _evidence(run: RecordedRun, examined: Mapping[str, _Examined]) -> Iterator[Finding]:
+def _evidence(run: RecordedRun, seen: Mapping[str, JointTable]) -> Iterator[Finding]:
     """Yield the findings that keep the run from being recomputed although every message is sound."""
     recording = run.recording
     if run.controllers and not run.events:
@@ -168,19 +112,19 @@ def _evidence(run: RecordedRun, examined: Mapping[str, _Examined]) -> Iterator[F
         topic = recording.topic(relative)
         if topic not in recording.topics or not recording.topics[topic].readable:
             if run.controllers and relative != names.DISTURBANCE:
-                why = recording.unreadable(topic) or "no messages"
+                reason = recording.topics[topic].unreadable if topic in recording.topics else ""
+                why = f"not read: {reason}" if reason else "no messages"
                 yield Finding(WARNING, f"{why}: the run cannot be recomputed", topic)
             continue
-        table: _Examined | JointTable | None = examined.get(topic)  # none: it is of another type
         # Of another robot and beside foreign nodes, only what is meant for our controllers or our plant.
-        if table is None or run.another_robot or run.external:
-            try:
-                table = run.table(relative)
-            except RecordingError as error:
-                yield Finding(ERROR, str(error).removeprefix(f"{recording.path}: "))
-                continue
+        meant = run.another_robot or run.external or topic not in seen
+        try:
+            table = run.table(relative) if meant else seen[topic]
+        except RecordingError as error:
+            yield Finding(ERROR, str(error).removeprefix(f"{recording.path}: "))
+            continue
         for quantity in quantities:
-            if not table.widths[quantity]:
+            if not table.width(quantity):
                 text = f"no {quantity} in any message: the run cannot be recomputed"
                 yield Finding(WARNING, text, topic)
         if relative in _OF_BOTH and len(table.names) != 2 and not run.another_robot:
@@ -237,12 +181,7 @@ def _provenance(run: RecordedRun) -> Iterator[Finding]:
             INFO,
             "its provenance names no commit: run from a git checkout, or from an image of docker/build.sh",
         )
-    try:
-        nodes = {name.rsplit("/", 1)[-1] for name in recording.parameters()}
-        recording.events()
-    except RecordingError as error:
-        yield Finding(ERROR, str(error).removeprefix(f"{recording.path}: "))
-        return
+    nodes = {name.rsplit("/", 1)[-1] for name in recording.parameters()}
     wanted = {*recording.controllers, *(() if run.another_robot else ("simulator",))}
     for missing in sorted(wanted - nodes):
         yield Finding(WARNING, f"no parameters of {missing}: the run cannot be rebuilt")
@@ -259,7 +198,7 @@ def _provenance(run: RecordedRun) -> Iterator[Finding]:
         yield Finding(WARNING, "no controller's ~/state: reference and gains are not known")
 
 
-def _joints(run: RecordedRun, roles: _Roles, topic: str, joints: _Examined) -> Iterator[Finding]:
+def _joints(run: RecordedRun, roles: _Roles, topic: str, joints: JointTable) -> Iterator[Finding]:
     yield from _numbers(joints, topic)
     owner = roles.owners.get(topic)
     is_state = owner is not None
@@ -330,13 +269,14 @@ def _gaps(stamps: Integers, topic: str, period_ns: int | None, severity: str) ->
         yield Finding(severity, text, topic, int(stamps[wide[0]]))
 
 
-def _numbers(joints: _Examined, topic: str) -> Iterator[Finding]:
+def _numbers(joints: JointTable, topic: str) -> Iterator[Finding]:
     for quantity in QUANTITIES:
-        for name in joints.names:
-            if (quantity, name) in joints.bad:
-                value, stamps = joints.bad[quantity, name]
-                fault = f"{quantity}[{name}] is {value}"
-                yield from _places(ERROR, fault, topic, np.concatenate(stamps))
+        for name in joints.names if joints.width(quantity) else ():
+            values = joints.column(quantity, name)
+            rows = np.flatnonzero(~np.isfinite(values))
+            if len(rows):
+                fault = f"{quantity}[{name}] is {values[rows[0]]}"
+                yield from _places(ERROR, fault, topic, joints.stamp_ns[rows])
 
 
 def _places(severity: str, fault: str, topic: str, stamps: Integers) -> Iterator[Finding]:

@@ -23,7 +23,7 @@ from trunk_msgs_util.source import ARRIVALS
 from trunk_msgs_util.units import NANOSECONDS, seconds
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_arrays import Integers
+    from trunk_msgs_util.recording.joint_table import Integers
     from trunk_msgs_util.recording.reader import Recording
 
     from ..recorded.run import RecordedRun

@@ -26,7 +26,7 @@ from ..recorded.turns import idle_ns
 from .parameter_invariants import mode_contradictions, parameter_contradictions
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_arrays import Integers
+    from trunk_msgs_util.recording.joint_table import Integers
     from trunk_sim.config import SimulatorConfig
 
     from ..recorded.run import RecordedRun
@@ -89,9 +89,9 @@ def _joints(run: RecordedRun) -> Iterator[str]:
             )
         for quantity in every:
             wanted = len(table.names) if quantity in quantities else 0
-            if table.widths[quantity] != wanted:
+            if table.width(quantity) != wanted:
                 yield (
-                    f"{relative}: {table.widths[quantity]} values of {quantity} in a message, "
+                    f"{relative}: {table.width(quantity)} values of {quantity} in a message, "
                     f"a node writes {wanted}"
                 )
 

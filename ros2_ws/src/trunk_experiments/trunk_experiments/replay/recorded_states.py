@@ -6,11 +6,10 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers, JointTable
 from trunk_sim.plant import PlantState
 
 from ..recorded.inputs import Bools, RecordedInputs
-from ..recorded.joint_table import JointTable
 from ..recorded.processes import Process
 from ..recorded.run import RecordedRun
 from ..runs.schedule import Wire
@@ -116,5 +115,5 @@ def six(table: JointTable, rows: Integers) -> Floats:
         return values
     at = rows if there.all() else rows[there]
     for i, quantity in enumerate(QUANTITIES):
-        values[there, 2 * i : 2 * i + 2] = table.columns(quantity, 2)[at]
+        values[there, 2 * i : 2 * i + 2] = table.values(quantity, 2)[at]
     return values

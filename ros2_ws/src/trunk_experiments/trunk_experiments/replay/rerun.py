@@ -23,7 +23,7 @@ from trunk_control.decide import Reading
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers, JointTable
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
@@ -32,7 +32,6 @@ from trunk_sim.step import Measurement, PlantStatus
 
 from ..plans.plan import RunPlan
 from ..recorded.inputs import Bools, RecordedInputs
-from ..recorded.joint_table import JointTable
 from ..recorded.processes import simulator_of
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, RecordSource, start_of
@@ -312,7 +311,7 @@ class Rerun:
         given = window.commands >= 0
         efforts = np.full(len(active), np.nan)
         if given.any():
-            efforts[given] = commands.columns("effort", 1)[window.commands[given], 0]
+            efforts[given] = commands.values("effort", 1)[window.commands[given], 0]
         readable = ~np.isnan(window.measured[:, 0])
         effort = None
         if given.any():

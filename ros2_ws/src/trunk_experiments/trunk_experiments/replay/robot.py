@@ -12,7 +12,7 @@ from trunk_control.decide import Reading
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
@@ -112,7 +112,7 @@ class RobotRerun:
         commands = self.run.table(topics.EFFORT_COMMAND)
         at = commands.rows_of(stamps)
         given = at >= 0
-        efforts = np.where(given, commands.columns("effort", 1)[at, 0], np.nan)
+        efforts = np.where(given, commands.values("effort", 1)[at, 0], np.nan)
         effort = ComparedColumn(
             commands.topic, f"effort[{commands.names[0]}]", efforts, table[:, EFFORT]
         )
@@ -144,9 +144,9 @@ def _readings(run: RecordedRun, stamps: Integers, joint: str, hip: str | None) -
     places = [(1, table.index(joint)), *([] if hip is None else [(0, table.index(hip))])]
     for column, place in places:
         values[:, column] = table.values("position")[rows, place]
-        if table.widths["velocity"]:
+        if table.width("velocity"):
             values[:, column + 2] = table.values("velocity")[rows, place]
-    if table.widths["effort"]:
+    if table.width("effort"):
         values[:, 4] = table.values("effort")[rows, table.index(joint)]
     return np.where(np.isfinite(values), values, 0.0)
 

@@ -46,7 +46,6 @@ def verify(recording: Recording) -> Verdict:
 def verdict_on(run: RecordedRun) -> Verdict:
     """Return the verdict on a recorded run, as `verify` does."""
     recording = run.recording
-    fill_tables(run)
     verdict = Verdict()
     silent = silence(run).removeprefix("SILENT: ")
     verdict.obstacles += filter(None, [silent, recording.unfinished, *recording.further_warnings])
@@ -80,22 +79,15 @@ def verdict_on(run: RecordedRun) -> Verdict:
     return verdict
 
 
-def fill_tables(run: RecordedRun) -> None:
-    """Read a sound recording once for digests and tables; what this does not read is read when needed."""
-    if run.recording.warnings:
-        return
-    try:
-        run.fill_tables(readable for _, readable in run.recording.survey())
-    except (KeyError, ParameterError, RecordingError):
-        return  # code that needs it meets the error again, and reports it
-
-
 def _unjudgeable(run: RecordedRun) -> str:
     """Return why nothing of a run can be recomputed; empty if something can."""
     if not run.mode:
         return "no provenance: the mode of the run is not known"
     if reason := unrepeatable(run.arithmetic):
         return reason
+    for relative in (topics.RUN_PARAMETERS, topics.RUN_EVENTS):
+        if run.recording.unreadable(run.recording.topic(relative)):
+            return f"{relative} is not read: nothing can be judged without it"
     known = bool(run.controllers) and set(run.controllers) <= set(CONTROLLERS)
     strange = (run.real_time or bool(run.external)) and bool(run.count(topics.GROUND_TRUTH))
     if not (known or strange or run.another_controller):

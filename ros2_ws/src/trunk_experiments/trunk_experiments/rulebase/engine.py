@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 
 from ..errors import NotInstalledError, RuleFileError
 from .words import identifier

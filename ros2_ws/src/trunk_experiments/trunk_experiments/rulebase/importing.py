@@ -11,7 +11,7 @@ import numpy as np
 
 from trunk_control.rule_tables import MOST, check_labels, input_labels
 from trunk_msgs_util.parameters.declarations import Value, build, values_of
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 
 from ..errors import RuleFileError
 from ..plans.nodes import NODES

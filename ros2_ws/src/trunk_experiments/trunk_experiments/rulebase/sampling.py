@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from trunk_control.fuzzy import bilinear
 from trunk_control.rule_tables import MOST
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 
 Indices = npt.NDArray[np.intp]
 Surface = Callable[[Floats, Floats], Floats]  # e, e_dot -> outputs in rows

@@ -16,7 +16,7 @@ import numpy as np
 from trunk_control.controller import Controller
 from trunk_control.law import Law
 from trunk_msgs_util.compiled import refusal, twin, with_arrays
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig

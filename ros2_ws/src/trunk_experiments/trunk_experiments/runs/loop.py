@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from trunk_control.decide import Output, Reading, Settings, decide
 from trunk_control.law import Hip, Law
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState
 from trunk_sim.step import (

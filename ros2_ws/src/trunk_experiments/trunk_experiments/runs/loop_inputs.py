@@ -13,7 +13,7 @@ from trunk_control.decide import Settings
 from trunk_msgs_util.compiled import with_arrays
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import nanoseconds, step_count
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig

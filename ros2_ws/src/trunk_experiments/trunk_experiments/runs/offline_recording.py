@@ -14,8 +14,8 @@ from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
 from trunk_msgs_util.picture.film import Film
 from trunk_msgs_util.recording.interleaved import Rows
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of, shared
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.links import Network, Traffic, most_late
 from trunk_sim.operator_input import Applied, with_operator

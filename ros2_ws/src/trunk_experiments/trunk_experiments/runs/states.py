@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from trunk_control.decide import Output, state_record
 from trunk_control.law import Law
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.step import Measurement, Plant, PlantStatus
 

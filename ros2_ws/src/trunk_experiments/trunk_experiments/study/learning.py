@@ -14,7 +14,7 @@ import cma
 import numpy as np
 
 from trunk_msgs_util.parameters.declarations import Value, changed
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 
 from ..batch.block import RunSummary, summaries
 from ..batch.workers import worker_pool

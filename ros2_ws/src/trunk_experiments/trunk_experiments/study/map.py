@@ -21,7 +21,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 
 from ..analysis.metrics import QUANTITIES
 from ..batch.workers import as_completed_bounded, worker_pool

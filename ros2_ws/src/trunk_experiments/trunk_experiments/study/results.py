@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from trunk_msgs_util.files import atomic_write
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_sim.simulation import DivergedError
 
 from ..analysis.metrics import QUANTITIES, RunMetrics

@@ -35,7 +35,7 @@ from trunk_msgs_util.parameters.declarations import (
 )
 from trunk_msgs_util.parameters.files import ParameterFileError
 from trunk_msgs_util.parameters.to_si import read_quantity, units_of
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 
 from ..batch.block import Lanes, Maker, Outcomes, make_runs, wrong_duration
 from ..batch.compiled_run import Batch

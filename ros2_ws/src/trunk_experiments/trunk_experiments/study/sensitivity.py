@@ -19,7 +19,7 @@ import numpy as np
 import pyarrow as pa
 from scipy.stats import bootstrap, qmc, sobol_indices
 
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 
 from ..errors import StudyError
 from .compare import CONFIDENCE, FELL, Estimate

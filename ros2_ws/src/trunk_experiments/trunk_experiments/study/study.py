@@ -29,7 +29,7 @@ from trunk_msgs_util.elementary import exp, log
 from trunk_msgs_util.normal import probability_below, quantile
 from trunk_msgs_util.parameters.declarations import UnitError, declarations, looks_like_quantity
 from trunk_msgs_util.parameters.to_si import read_quantity, units_of
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.text import shortened
 from trunk_msgs_util.yaml_text import YamlTextError, load
 

@@ -21,7 +21,7 @@ from trunk_control.laws import law_named
 from trunk_control.limits import Limits
 from trunk_control.pid_family import PidState
 from trunk_msgs_util.compiled import compiled, with_arrays
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState

@@ -13,7 +13,7 @@ from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_msgs_util.mechanics import path_height
 from trunk_msgs_util.parameters.declarations import ParameterError, UnitError, Value, build
 from trunk_msgs_util.parameters.to_si import read_quantity
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_sim.config import SimulatorConfig
 
 from ..errors import PlanError

@@ -20,7 +20,7 @@ from trunk_control.controller_config import ControllerConfig
 from trunk_control.law import Hip, Sample
 from trunk_control.laws import law_of
 from trunk_msgs_util.mechanics import Body
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.actuator import Actuator
 from trunk_sim.config import SimulatorConfig

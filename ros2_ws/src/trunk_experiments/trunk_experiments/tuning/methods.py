@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from scipy.signal import place_poles
 
 from trunk_control.pid_family import Gains
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 
 from ..errors import TuningError
 from .linear import Linear

@@ -21,7 +21,7 @@ from trunk_msgs_util.parameters.declarations import (
     value_of,
     values_of,
 )
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 
 from ..batch.block import wrong_duration
 from ..batch.compiled_run import Batch

@@ -16,8 +16,8 @@ from mcap.writer import Writer
 from trunk_msgs_util import topics as names
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.recording.digests import END, PROVENANCE
-from trunk_msgs_util.recording.file import RecordingFile
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
+from trunk_msgs_util.recording.mcap_file import McapFile
 from trunk_msgs_util.recording.messages import Messages
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import NANOSECONDS
@@ -153,7 +153,7 @@ def _ns(time: float) -> float:
 
 
 def _channel(
-    writer: Writer, source: RecordingFile, number: int, schemas: dict[tuple[str, bytes], int]
+    writer: Writer, source: McapFile, number: int, schemas: dict[tuple[str, bytes], int]
 ) -> int:
     channel = source.channels[number]
     schema = source.schemas.get(channel.schema_id)

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.picture.shapes import Geometry, Kind, Point, Scene, Shape, shapes
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 
 from ..errors import PlanError
 

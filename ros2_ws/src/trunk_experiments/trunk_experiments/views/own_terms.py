@@ -15,7 +15,7 @@ from ..plans.nodes import CONTROLLERS
 from .run_view import RunView, own_terms_of, tells_gains
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_arrays import Floats
+    from trunk_msgs_util.recording.joint_table import Floats
 
 _UNITS = {"unsaturated": "N m"}
 

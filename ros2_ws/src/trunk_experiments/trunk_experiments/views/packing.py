@@ -18,7 +18,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+    from trunk_msgs_util.recording.joint_table import Floats, Integers
 
 _MOST_DIFFERENCES = 3
 _RANGE_BITS = 30  # of all steps: they and the mark of a gap fit into 32-bit integers

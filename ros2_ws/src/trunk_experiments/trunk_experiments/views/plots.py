@@ -34,7 +34,7 @@ from .own_terms import gains_told, own_terms, values_of_term
 from .run_view import Pulse, RunView, labels, off_scale
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_arrays import Floats
+    from trunk_msgs_util.recording.joint_table import Floats
 
     from .run_view import RunView
 

@@ -19,7 +19,7 @@ from .packing import Columns, packed, packed_columns
 from .run_view import INPUTS, Pulse, RunView, labels, off_scale
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_arrays import Floats
+    from trunk_msgs_util.recording.joint_table import Floats
 
 _SURFACE_POINTS = 61  # per side, at least: seven evenly spaced peaks fall on grid points
 _MOST_TEXT = 6_000_000  # characters of all columns; beyond it they are rounded

@@ -13,7 +13,7 @@ from .run_view import INPUTS, RunView
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+    from trunk_msgs_util.recording.joint_table import Floats, Integers
 
 
 _AT_ONCE = 1 << 16  # updates: those of an hour at once would take 400 MB

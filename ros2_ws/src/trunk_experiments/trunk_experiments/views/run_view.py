@@ -29,8 +29,7 @@ from ..recorded.turns import Turn, recorded_turns
 
 if TYPE_CHECKING:
     from trunk_msgs_util.parameters.declarations import Value
-    from trunk_msgs_util.recording.columns import Column, Series
-    from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+    from trunk_msgs_util.recording.joint_table import Column, Floats, Integers, JointTable
 
     from ..plans.timeline import Timeline
 
@@ -58,7 +57,7 @@ class RunView:
 
     run: RecordedRun
     table: RunTable
-    terms: Series | None  # what a law infers from, of its ~/state; None if it has no rules
+    terms: JointTable | None  # what a law infers from, of its ~/state; None if it has no rules
     controller_name: str | None
     controller: ControllerConfig | None
     controllers: Mapping[str, ControllerConfig | None]

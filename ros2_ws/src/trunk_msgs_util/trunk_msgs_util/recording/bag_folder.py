@@ -6,8 +6,8 @@ import re
 import shlex
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..errors import RecordingError
 from .limits import MAX_BAG_METADATA, MAX_NAME
-from .topic import RecordingError
 
 if TYPE_CHECKING:
     from pathlib import Path

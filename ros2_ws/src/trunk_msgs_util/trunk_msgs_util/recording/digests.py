@@ -24,6 +24,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
+    from .content import Content
+
 # Names of our metadata records.
 PROVENANCE, END, DIGESTS = "trunk_provenance", "trunk_end", "trunk_digests"
 HEADS, CHANNELS, METADATA = "heads", "channels", "metadata"
@@ -77,9 +79,17 @@ class RunningDigests:
             ]
         )
 
+    def content(self, channels: Mapping[int, Channel], content: Content) -> None:
+        """Take the messages of a block."""
+        whole = content.messages(content.channels)
+        if whole is not None:
+            self.heads(whole.heads())
+        for number, messages in content.channels.items():
+            self.messages(channels[number].topic, messages.joined())
+
     def messages(self, topic: str, data: bytes) -> None:
         """Take one or more messages of a topic, without their heads."""
-        self._topics[topic].update(data)
+        self._topics.setdefault(topic, _new()).update(data)
 
     def heads(self, heads: bytes) -> None:
         """Take the heads of one or more message records, as they are in the file."""
@@ -109,7 +119,7 @@ class RunningDigests:
 def differing(recorded: Mapping[str, str], computed: Mapping[str, str]) -> list[str]:
     """Return the topics and parts whose recorded digest is not the computed one."""
     return sorted(
-        PARTS.get(key, key) for key, digest in recorded.items() if computed.get(key, "") != digest
+        PARTS.get(key, key) for key, digest in recorded.items() if computed.get(key) != digest
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .messages import HEAD, HEAD_FIELDS, unaligned
 
 if TYPE_CHECKING:
-    from .joint_arrays import Integers
+    from .joint_table import Integers
 
 
 class Rows(NamedTuple):

@@ -11,7 +11,6 @@ MAX_CHANNELS = 4096  # channels of a file, and its schemas; topics of a bag
 MAX_NAME = 1024  # bytes of the name of a topic, a type, a joint or a frame
 MAX_JOINTS = 1024  # names in a JointState message, and in all messages of a topic together
 MAX_LAYOUTS = 256  # layouts (frame, names, numbers of values) of a JointState topic
-MAX_UNUSUAL = 20_000  # messages of a topic that are big-endian or otherwise read one by one
 MAX_TEXT = 16 << 20  # bytes of all messages of run/parameters, and of run/events
 MAX_METADATA = 1 << 20  # bytes of all our metadata records in a file
 MAX_BAG_METADATA = 1 << 20  # characters of a bag's metadata.yaml

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from .joint_arrays import Integers
+    from .joint_table import Integers
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # of every record: opcode, length of what follows
@@ -65,15 +63,10 @@ class Messages(NamedTuple):
         spans = zip(self.start.tolist(), self.end.tolist(), strict=True)
         return [data[start:end] for start, end in spans]
 
-    def first(self) -> Messages:
-        """Return only the first message."""
-        return Messages(self.data, self.log_time_ns[:1], self.start[:1], self.end[:1])
-
-    def without(self, rows: Sequence[int]) -> Messages:
-        """Return all messages but some."""
-        kept = np.ones(len(self), np.bool_)
-        kept[list(rows)] = False
-        return Messages(self.data, self.log_time_ns[kept], self.start[kept], self.end[kept])
+    def only(self, row: int) -> Messages:
+        """Return one message alone."""
+        rows = slice(row, row + 1)
+        return Messages(self.data, self.log_time_ns[rows], self.start[rows], self.end[rows])
 
     def head(self, row: int) -> MessageHead:
         """Return the header of message ``row``."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Set
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -12,24 +11,23 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from .. import topics as names
+from ..errors import RecordingError
 from ..events import Event
 from ..provenance import FORMAT
 from .bag_folder import METADATA, bag_folder
-from .blocks import name_of
 from .digests import DIGESTS, END, PROVENANCE, RunningDigests, differing, uncoverable, uncovered
-from .file import RecordingFile, size_of
-from .joint_arrays import JointArrays, concatenate, decode
+from .joint_table import Column, Filling, JointTable
 from .limits import MAX_TEXT
+from .mcap_file import ERROR, OURS, McapFile, name_of, size_of
 from .schemas import ParameterChange, RunEvent, parse_event, parse_parameter_event
-from .structure import ERROR, Walk, structure
-from .summary import open_by_summary
-from .topic import RecordingError, Topic
+from .summary import open_by_summary, structure
+from .topic import Topic
 
 if TYPE_CHECKING:
     from ..samples import Value
-    from .file import Block
+    from .content import Content
+    from .joint_table import Floats, Piece
     from .messages import Messages
-    from .split import Content
 
 __all__ = ["Recording", "RecordingError", "Topic"]
 
@@ -39,7 +37,6 @@ _RUN = names.RUN_EVENTS.rpartition("/")[0] + "/"
 _KEPT = 64 << 20
 # A larger file need not be read whole to be opened; smaller ones are scanned in no time.
 _BY_SUMMARY = 32 << 20
-_OURS = "trunk_msgs_util"  # prefix of the library's name in files that must have an end record
 
 
 class RecordedFiles:
@@ -49,8 +46,11 @@ class RecordedFiles:
     says why no end record marks the run as complete. Nothing after the first damaged byte counts.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, whole: bool = False) -> None:
+        """``whole``: digests and tables are made while the file is read, for whoever judges all of it."""
         self.path = Path(path)
+        self._digests = RunningDigests() if whole else None
+        self._fillings: dict[str, Filling] = {}
         self.topics: dict[str, Topic] = {}
         self.provenance: dict[str, str] = {}
         self.digests: dict[str, str] = {}
@@ -58,9 +58,8 @@ class RecordedFiles:
         self.warnings: list[str] = []
         self.unfinished = ""
         self.checked = True  # every record was read and is sound
-        self.walks: dict[Path, Walk] = {}  # of the undamaged files that were read whole
         self._sound = True
-        self._files: list[RecordingFile] = []
+        self._files: list[McapFile] = []
         self._kept: OrderedDict[tuple[int, int], Content] = OrderedDict()
         self._kept_bytes = 0
 
@@ -77,12 +76,13 @@ class RecordedFiles:
             if file is not None:
                 self.checked = False
             else:
-                file = RecordingFile(path, self.topics)
+                file = McapFile(path, self.topics)
                 report = partial(_report, progress, sum(sizes[:i]), sum(sizes))
-                walk = Walk(sizes[i])
-                file.scan(report, partial(self._keep_scanned, i), walk.take)
-                if file.whole and file.warning is None:
-                    self.walks[path] = walk
+                file.scan(
+                    report,
+                    partial(self._take_scanned, i, file),
+                    self._fill if self._digests is not None else None,
+                )
             self._files.append(file)
             self._sound &= file.sound
             self.provenance.update(file.metadata[PROVENANCE])
@@ -112,7 +112,7 @@ class RecordedFiles:
                 self.unfinished = "incomplete: marked as complete, but not all of it can be read"
             else:
                 return
-        elif library.startswith(_OURS) or not (library or self._files[0].whole):
+        elif library.startswith(OURS) or not (library or self._files[0].whole):
             self.unfinished = f"no {END} record: the recorder did not shut down properly"
         elif is_bag and counted is None:
             self.unfinished = f"no {METADATA}: the recorder did not shut down properly"
@@ -134,7 +134,7 @@ class RecordedFiles:
         return [file.path for file in self._files]
 
     @property
-    def opened(self) -> list[RecordingFile]:
+    def opened(self) -> list[McapFile]:
         """The files as they were scanned, with their header, channels and records."""
         return list(self._files)
 
@@ -172,7 +172,7 @@ class RecordedFiles:
 
     @property
     def _read_to_their_ends(self) -> bool:
-        return all(file.whole or file.data_ended for file in self._files)
+        return all(file.whole or file.data_end is not None for file in self._files)
 
     @property
     def damage(self) -> list[str]:
@@ -191,33 +191,18 @@ class RecordedFiles:
         return [
             finding.describe()
             for file in self._files
-            for finding in structure(file.path, self.walks.get(file.path))
+            for finding in structure(file)
             if finding.severity == ERROR and finding.message != file.warning
         ]
 
     @cached_property
     def digested(self) -> dict[str, str]:
         """The digests of what the file holds now."""
-        digests = self._digests_around()
-        for file, _, _, content in self._contents(self.topics):
-            _digest(digests, file, content)
-        return digests.values()
-
-    def survey(self) -> Iterator[tuple[dict[str, Messages], dict[str, Messages]]]:
-        """Yield each block's messages by topic: all of them, and those that can be read.
-
-        One pass for both, and for `digested`.
-        """
-        digests = self._digests_around()
-        for file, block, channels, content in self._contents(self.topics):
-            _digest(digests, file, content)
-            whole = _by_topic(file, channels, content)
-            yield whole, _readable(file, block, whole)
-        self.__dict__["digested"] = digests.values()  # as `cached_property` keeps it
-
-    def _digests_around(self) -> RunningDigests:
-        """Return digests that have taken everything but messages."""
-        digests = RunningDigests()
+        digests = self._digests
+        if digests is None:
+            digests = RunningDigests()
+            for file, content in self._contents(self.topics):
+                digests.content(file.channels, content)
         for file in self._files:
             digests.header(file.profile, file.library)
             for channel in file.channels.values():
@@ -226,46 +211,37 @@ class RecordedFiles:
                 digests.metadata(name, values)
             for _ in range(file.attachments):
                 digests.attachment()
-        return digests
+        return digests.values()
 
     def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, Messages]]:
-        """Yield the messages of some topics that can be read, block by block in file order.
+        """Yield the messages of some topics, block by block in file order.
 
         One pass: each block is decompressed once for all topics. A topic without messages in a block
-        is not in its dictionary. Raises RecordingError for a topic beyond a limit.
+        is not in its dictionary. Raises RecordingError for a topic that cannot be read.
         """
-        asked = list(topics)
-        for topic in asked:
-            if topic in self.topics and self.topics[topic].unreadable.limit is not None:
-                raise RecordingError(
-                    f"{self.path}: {self.topics[topic].unreadable.describe(topic, 0)}"
-                )
-        return self._blocks(asked, only_readable=True)
+        asked = set(topics)
+        for topic in asked & self.topics.keys():
+            if reason := self.unreadable(topic):
+                raise RecordingError(f"{self.path}: {reason}")
+        return (
+            messages
+            for file, content in self._contents(asked)
+            if (messages := file.by_topic(content, asked))
+        )
 
-    def _blocks(
-        self, topics: Iterable[str], only_readable: bool = False
-    ) -> Iterator[dict[str, Messages]]:
-        for file, block, channels, content in self._contents(topics):
-            messages = _by_topic(file, channels, content)
-            if only_readable:
-                messages = _readable(file, block, messages)
-            if messages:
-                yield messages
-
-    def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, Messages]]:
+    def copies(self, topics: Iterable[str]) -> Iterator[tuple[McapFile, Messages]]:
         """Yield the messages of some topics together, in file order, with their file."""
-        for file, _, channels, content in self._contents(topics):
-            messages = content.messages(channels & content.channels.keys())
+        asked = set(topics)
+        for file, content in self._contents(asked):
+            numbers = [n for n in content.channels if file.channels[n].topic in asked]
+            messages = content.messages(numbers)
             if messages is not None:
                 yield file, messages
 
-    def _contents(
-        self, topics: Iterable[str]
-    ) -> Iterator[tuple[RecordingFile, Block, Set[int], Content]]:
-        """Yield the blocks that have messages of some topics, each read once, and the topics' channels."""
-        asked = list(topics)
+    def _contents(self, topics: Collection[str]) -> Iterator[tuple[McapFile, Content]]:
+        """Yield the blocks that have messages of some topics, each read once."""
         for number, file in enumerate(self._files):
-            every = {channel for topic in asked for channel in file.numbers(topic)}
+            every = {channel for topic in topics for channel in file.numbers(topic)}
             with file.path.open("rb") as stream:
                 for block in file.blocks:
                     if every.isdisjoint(block.channels):
@@ -273,10 +249,12 @@ class RecordedFiles:
                     key = (number, block.offset)
                     content = self._kept.get(key) or file.content(stream, block)
                     self._keep(key, content)
-                    yield file, block, every, content
+                    yield file, content
 
-    def _keep_scanned(self, number: int, offset: int, content: Content) -> None:
+    def _take_scanned(self, number: int, file: McapFile, offset: int, content: Content) -> None:
         """Keep the first blocks of a scan, as many as fit: the next pass begins with them."""
+        if self._digests is not None:
+            self._digests.content(file.channels, content)
         if self._kept_bytes + _cost(content) <= _KEPT:
             self._keep((number, offset), content)
 
@@ -288,23 +266,30 @@ class RecordedFiles:
         while self._kept_bytes > _KEPT:
             self._kept_bytes -= _cost(self._kept.popitem(last=False)[1])
 
+    def _fill(self, topic: str, messages: Messages, parts: list[Piece]) -> None:
+        if topic not in self._fillings:
+            self._fillings[topic] = Filling(() if self._is_terms(topic) else None)
+        self._fillings[topic].take(messages, parts)
+
+    @staticmethod
+    def _is_terms(topic: str) -> bool:
+        """Return True for a controller's terms, of which an hour at 1 kHz has 370 MB."""
+        return topic.endswith("/state")
+
     def messages(self, topic: str) -> Iterator[tuple[list[int], list[bytes]]]:
         """Yield ``(log times in ns, messages)`` of a topic, block by block, in the file's order."""
         for block in self.blocks([topic]):
             yield block[topic].log_time_ns.tolist(), block[topic].bytes()
 
     def unreadable(self, topic: str) -> str:
-        """Return why none of a topic's messages can be read; empty if some can, or there are none."""
+        """Return why a topic is not read, as a phrase with its name; empty if it can be, or is unknown."""
         about = self.topics.get(topic)
-        if about is None or not about.count or about.readable:
-            return ""
-        why = about.unreadable.limit or about.unreadable.first[0].why
-        return f"none of its {about.count} messages can be read: {why}"
+        return f"{topic} is not read: {about.unreadable}" if about and about.unreadable else ""
 
     def longest_gap_ns(self, topic: str) -> int:
         """Return the longest time between the log times of a topic's messages, in the order of these."""
         about = self.topics[topic]
-        if about.ordered or about.unreadable.limit is not None:
+        if about.ordered or about.unreadable:
             return about.longest_gap_ns
         log = np.concatenate([block[topic].log_time_ns for block in self.blocks([topic])])
         return int(np.diff(np.sort(log)).max(initial=0))
@@ -316,32 +301,6 @@ class RecordedFiles:
             why = about.is_read() or f"its type is {about.type or 'not given'}"
             if about.type != type_name or about.is_read():
                 raise RecordingError(f"{self.path}: {topic} cannot be read as {type_name}: {why}")
-
-
-def _digest(digests: RunningDigests, file: RecordingFile, content: Content) -> None:
-    whole = content.messages(content.channels)
-    if whole is not None:
-        digests.heads(whole.heads())
-    for number, messages in content.channels.items():
-        digests.messages(file.channels[number].topic, messages.joined())
-
-
-def _by_topic(file: RecordingFile, channels: Set[int], content: Content) -> dict[str, Messages]:
-    """Return a block's messages of these channels by topic; none for a topic without messages."""
-    messages_of: dict[str, Messages] = {}
-    for topic, numbers in file.by_topic(sorted(channels & content.channels.keys())).items():
-        messages = content.messages(numbers)
-        if messages is not None and len(messages):
-            messages_of[topic] = messages
-    return messages_of
-
-
-def _readable(
-    file: RecordingFile, block: Block, whole: Mapping[str, Messages]
-) -> dict[str, Messages]:
-    """Return those of a block's messages that can be read; none for a topic without any."""
-    readable = {topic: file.readable(block.offset, messages) for topic, messages in whole.items()}
-    return {topic: messages for topic, messages in readable.items() if len(messages)}
 
 
 def _cost(content: Content) -> int:
@@ -358,13 +317,17 @@ class Recording(RecordedFiles):
 
     @classmethod
     def open(
-        cls, path: str | Path, progress: Callable[[int, int], None] = lambda _done, _of: None
+        cls,
+        path: str | Path,
+        progress: Callable[[int, int], None] = lambda _done, _of: None,
+        whole: bool = False,
     ) -> Recording:
         """Scan a file or a folder; ``progress`` is called with the bytes read and the total.
 
+        ``whole``: make digests and tables in the same pass, for whoever judges all of it.
         Raises RecordingError if it is missing, not readable, or not MCAP.
         """
-        return cls(path)._opened(progress)
+        return cls(path, whole)._opened(progress)
 
     @classmethod
     def open_by_summary(
@@ -392,26 +355,16 @@ class Recording(RecordedFiles):
 
     def _check_format(self) -> None:
         written = self.provenance.get("format", "none")
-        if "mode" in self.provenance and written != FORMAT:
+        if self._sound and "mode" in self.provenance and written != FORMAT:
             raise RecordingError(
                 f"{self.path} is of format {written!r:.20}, this version reads format {FORMAT!r}: "
                 "record the run again, or read it with the version that wrote it"
             )
 
     def _look_at_messages(self) -> None:
-        """Warn of messages that cannot be read: everything else goes on without them."""
-        for relative, read in (
-            (names.RUN_PARAMETERS, lambda: self._parameter_events),
-            (names.RUN_EVENTS, lambda: self._events),
-        ):
-            if self.topic(relative) in self.topics:
-                with suppress(RecordingError):  # raised again when it is asked for
-                    read()
-        self.warnings += [
-            topic.unreadable.describe(name, topic.count)
-            for name, topic in sorted(self.topics.items())
-            if topic.unreadable.count or topic.unreadable.limit is not None
-        ]
+        """Warn of topics that cannot be read: everything else goes on without them."""
+        self._parameter_events, self._events  # noqa: B018 - parsed once, and kept
+        self.warnings += filter(None, map(self.unreadable, sorted(self.topics)))
 
     @cached_property
     def namespace(self) -> str:
@@ -448,14 +401,12 @@ class Recording(RecordedFiles):
         """
         prefix = f"{self.namespace}/"
         kinds: dict[str, set[str]] = {}
-        known: set[str] = set()
-        with suppress(RecordingError):
-            known |= {change.node for change in self._parameter_events}
-            for event in self._events:
-                known.add(event.node)
-                kind = event.values.get("kind") if event.message == Event.CONFIGURED else None
-                if kind and event.node.startswith(prefix):
-                    kinds.setdefault(kind, set()).add(event.node.removeprefix(prefix))
+        known = {change.node for change in self._parameter_events}
+        for event in self._events:
+            known.add(event.node)
+            kind = event.values.get("kind") if event.message == Event.CONFIGURED else None
+            if kind and event.node.startswith(prefix):
+                kinds.setdefault(kind, set()).add(event.node.removeprefix(prefix))
         return {
             kind: min(own)
             for kind, own in kinds.items()
@@ -491,64 +442,106 @@ class Recording(RecordedFiles):
         """When the trunk fell, by the run's events; None if they report no fall."""
         return next((e.stamp_ns for e in self.events() if e.message == Event.FELL), None)
 
-    def joints(self, topic: str) -> JointArrays:
-        """Return all readable messages of a JointState topic (absolute name), none for an unknown topic.
+    def joints(self, topic: str) -> JointTable:
+        """Return a JointState topic by its absolute name, empty for an unknown one. Raises as `tables`."""
+        return self.tables({topic: None})[topic]
 
-        Raises RecordingError for a topic of another type, and for one beyond a limit.
+    def tables(self, wanted: Mapping[str, Collection[Column] | None]) -> dict[str, JointTable]:
+        """Return JointState topics (absolute names), of each some columns, or all: None; read in one pass.
+
+        Raises RecordingError for a topic of another type, for one that cannot be read, and if it has not as
+        many messages as were counted when the recording was opened.
         """
-        return self.joints_of([topic])[topic]
-
-    def joints_of(self, topics: Iterable[str]) -> Mapping[str, JointArrays]:
-        """Return all messages of some JointState topics, read in one pass. Raises as `joints` does."""
-        parts: dict[str, list[JointArrays]] = {topic: [] for topic in topics}
-        for topic in parts:
+        for topic in wanted:
             self.check_type(topic, names.JOINT_STATE_TYPE)
-        for block in self.blocks(parts):
+        fillings = {
+            topic: Filling(columns, self.topics[topic].count if topic in self.topics else 0)
+            for topic, columns in wanted.items()
+        }
+        for block in self.blocks(wanted):
             for topic, messages in block.items():
                 try:
-                    parts[topic].append(decode(messages))
-                except (ValueError, OverflowError) as error:
+                    fillings[topic].take(messages)
+                except ValueError as error:
                     raise RecordingError(
                         f"{self.path}: {topic} cannot be read as JointState: {error}"
                     ) from None
-        return {topic: concatenate(parts.pop(topic)) for topic in list(parts)}
+        return self._tables(fillings)
+
+    def _tables(self, fillings: dict[str, Filling]) -> dict[str, JointTable]:
+        tables: dict[str, JointTable] = {}
+        for topic in list(fillings):
+            filling = fillings.pop(topic)
+            counted = self.topics[topic].count if topic in self.topics else 0
+            if len(filling) != counted:
+                raise RecordingError(
+                    f"{self.path}: {topic} has {len(filling)} messages, {counted} were counted: "
+                    "its index is wrong (trunk doctor) or the file has changed: open it again"
+                )
+            # Answers have the stamps of what they answer: they share memory.
+            known = [table.stamp_ns for table in tables.values()]
+            where = f"{self.path}: {topic}"
+            tables[topic] = filling.table(self.relative(topic), where, known)
+        return tables
+
+    def filled(self) -> dict[str, JointTable]:
+        """Return the JointState topics that were read while the recording was opened, once.
+
+        The values of controllers' terms are read again when needed.
+        """
+        fillings, self._fillings = self._fillings, {}
+        kinds = {topic: filling.kinds for topic, filling in fillings.items()}
+        whole = {
+            topic: filling
+            for topic, filling in fillings.items()
+            if not self.unreadable(topic) and (not self._is_terms(topic) or len(kinds[topic]) == 1)
+        }
+        tables = self._tables(whole)
+        for topic, table in tables.items():
+            if self._is_terms(topic):
+                (layout,) = kinds[topic]
+                table.read_later(layout, partial(self._positions, topic))
+        return tables
+
+    def _positions(self, topic: str) -> Iterator[Floats]:
+        for block in self.blocks([topic]):
+            filling = Filling()
+            filling.take(block[topic])
+            yield filling.table("", "").position
+
+    def joint_names(self, topic: str) -> tuple[str, ...]:
+        """Return the names in a topic's first message; none without messages. Raises as `tables`."""
+        self.check_type(topic, names.JOINT_STATE_TYPE)
+        first = next(self.blocks([topic]), None)
+        if first is None:
+            return ()
+        filling = Filling()
+        filling.take(first[topic].only(0))
+        return filling.table("", "").names
 
     def _parsed(
         self, relative: str, type_name: str, parse: Callable[[bytes], Parsed]
     ) -> list[Parsed]:
-        """Return a topic's messages that can be read, by log time, and note the others.
-
-        Raises RecordingError.
-        """
+        """Return a topic's messages by log time; none of a topic that cannot be read."""
         name = self.topic(relative)
         topic = self.topics.get(name)
-        parsed: list[tuple[int, Parsed]] = []
         if topic is None:
             return []
-        if topic.unreadable.limit is not None:
-            raise RecordingError(f"{self.path}: {topic.unreadable.describe(name, topic.count)}")
-        index = size = 0
-        for file, block, channels, content in self._contents([name]):
-            messages = content.messages(sorted(channels & content.channels.keys()))
-            if messages is None:
-                continue
-            size += int((messages.end - messages.start).sum())
-            if size > MAX_TEXT:
-                topic.unreadable.limit = f"its messages have more than the {MAX_TEXT} bytes allowed"
-                raise RecordingError(f"{self.path}: {topic.unreadable.describe(name, topic.count)}")
-            bad: list[int] = []
-            for row, data in enumerate(messages.bytes()):
-                if messages.log_time_ns[row] < 0:  # counted when the file was scanned
-                    continue
+        if topic.size > MAX_TEXT:
+            topic.unreadable = f"its messages have more than the {MAX_TEXT} bytes allowed"
+        if topic.count and topic.type != type_name:
+            topic.refuse(0, -1, f"its type is {topic.type or 'not given'}")
+        if topic.unreadable:
+            return []
+        parsed: list[tuple[int, Parsed]] = []
+        for block in self.blocks([name]):
+            messages = block[name]
+            for data, log_ns in zip(messages.bytes(), messages.log_time_ns.tolist(), strict=True):
                 try:
-                    if topic.type != type_name:
-                        raise ValueError(f"its type is {topic.type or 'not given'}")
-                    parsed.append((int(messages.log_time_ns[row]), parse(data)))
+                    parsed.append((log_ns, parse(data)))
                 except ValueError as error:
-                    topic.unreadable.add(index + row, int(messages.log_time_ns[row]), str(error))
-                    bad.append(row)
-            file.leave_out(block.offset, messages, bad)
-            index += len(messages)
+                    topic.refuse(len(parsed), log_ns, str(error))
+                    return []
         if not topic.ordered:
             parsed.sort(key=lambda pair: pair[0])
         return [message for _, message in parsed]

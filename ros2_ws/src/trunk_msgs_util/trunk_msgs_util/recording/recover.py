@@ -8,31 +8,40 @@ from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import Writer
 
+from .. import topics
+from ..errors import RecordingError
 from ..files import atomic_write
-from .blocks import (
+from ..units import NANOSECONDS
+from .content import Content
+from .digests import DIGESTS, END
+from .joint_table import pieces
+from .limits import Budget, LimitError
+from .mcap_file import (
     ChecksumError,
     DamageError,
     LimitReachedError,
     Record,
     TrailingError,
+    check_magic,
+    check_schema_limits,
     is_known,
     name_of,
+    numbered,
     records,
+    size_of,
     visit,
 )
-from .digests import DIGESTS, END
-from .file import check_magic, check_schema_limits, numbered, size_of
-from .limits import Budget, LimitError
-from .reader import RecordingError
-from .split import Content
+from .messages import Messages
+from .schemas import parse_event, parse_parameter_event
 from .summary import Summary, read_summary
+from .topic import STAMP_SIZE, STAMPED, fields_of
 
 LIBRARY = "trunk_msgs_util recover"
+LAST_TIME_NS = 2**63 - 1  # the year 2262
 _LOSSES = 20  # listed in the end record
 
 
@@ -51,6 +60,8 @@ class Recovery:
 
 def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
     """Write everything readable in an MCAP file as a finished one, and return the outcome.
+
+    Messages that cannot be read are left out; one whose log time is beyond the year 2262 gets its stamp's.
 
     Damaged chunks are left out; after damage that hides where the next record begins, the file's
     own index says where to go on. The end record says "complete: false" and why. Raises RecordingError
@@ -77,7 +88,8 @@ class _Copy:
         self._file, self._size, self._recovery = file, size, recovery
         self._writer = Writer(target, enable_data_crcs=True)
         self._schemas: dict[int, int] = {0: 0}
-        self._channels: dict[int, tuple[int, str]] = {}
+        self._channels: dict[int, tuple[int, str, str]] = {}  # new number, topic, type
+        self._types: dict[int, str] = {0: ""}
         self._end: dict[str, str] | None = None
         self._seen = 8  # everything before this byte was read or given up
         self._budget = Budget(size)
@@ -128,14 +140,15 @@ class _Copy:
             if item.id not in self._schemas:
                 check_schema_limits(len(self._schemas) - 1, item)
                 number = self._writer.register_schema(item.name, item.encoding, item.data)
-                self._schemas[item.id] = number
+                self._schemas[item.id], self._types[item.id] = number, item.name
         elif item.id not in self._channels:
             check_schema_limits(len(self._channels), item)
             schema = self._schemas.get(item.schema_id, 0)
             number = self._writer.register_channel(
                 item.topic, item.message_encoding, schema, item.metadata
             )
-            self._channels[item.id] = (number, item.topic)
+            kind = self._types.get(item.schema_id, "")
+            self._channels[item.id] = (number, item.topic, kind)
 
     def _stretch(self, start: int) -> int:
         """Copy from a byte on; return where to resume after damage, or the file's size."""
@@ -144,7 +157,9 @@ class _Copy:
             for record in records(self._file, self._size, start):
                 at = self._file.tell()
                 try:
-                    visit(record, self._budget, self._messages, self._take_other)
+                    content = visit(record, self._budget, self._take_other)
+                    if content is not None:
+                        self._messages(content, record)
                 except LimitReachedError:
                     raise
                 except DamageError as error:
@@ -202,18 +217,32 @@ class _Copy:
             raise DamageError(
                 f"the record at byte {record.offset} has messages of an unknown channel"
             )
-        late = messages.log_time_ns < 0
-        if late.any():
-            self._recovery.lost.append(
-                f"the record at byte {record.offset} has messages with a log time "
-                f"beyond the year 2262: {np.count_nonzero(late)}"
-            )
         for row, data in enumerate(messages.bytes()):
-            if late[row]:
-                continue
             head = messages.head(row)
-            number, topic = self._channels[head.channel]
-            self._writer.add_message(
-                number, head.log_time_ns, data, head.publish_time_ns, head.sequence
-            )
+            number, topic, kind = self._channels[head.channel]
+            log_time_ns = head.log_time_ns
+            if log_time_ns > LAST_TIME_NS and kind in STAMPED and len(data) >= STAMP_SIZE:
+                sec, nanosec = fields_of(messages.only(row))
+                log_time_ns = max(int(sec[0]) * NANOSECONDS + int(nanosec[0]), 0)
+            fault = "its log time is beyond the year 2262" if log_time_ns > LAST_TIME_NS else ""
+            if fault := fault or _fault(kind, topic, messages.only(row)):
+                self._recovery.lost.append(
+                    f"a message on {topic} in the record at byte {record.offset}: {fault}"
+                )
+                continue
+            self._writer.add_message(number, log_time_ns, data, head.publish_time_ns, head.sequence)
             self._recovery.messages[topic] = self._recovery.messages.get(topic, 0) + 1
+
+
+def _fault(kind: str, topic: str, message: Messages) -> str:
+    """Return why a message cannot be read; empty if it can, or is of a type that is not read."""
+    try:
+        if kind == topics.JOINT_STATE_TYPE:
+            pieces(message)
+        elif topic.endswith(f"/{topics.RUN_EVENTS}"):
+            parse_event(*message.bytes())
+        elif topic.endswith(f"/{topics.RUN_PARAMETERS}"):
+            parse_parameter_event(*message.bytes())
+    except ValueError as error:
+        return str(error)
+    return ""

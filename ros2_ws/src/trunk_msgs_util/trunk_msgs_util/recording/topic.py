@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import topics as names
-from ..errors import TrunkError
 from ..units import NANOSECONDS, seconds
-from .joint_arrays import groups, misfit, sample
-from .limits import MAX_JOINTS, MAX_LAYOUTS, MAX_UNUSUAL, LimitError, check_table
+from .joint_table import UnreadableError, pieces
+from .limits import MAX_JOINTS, MAX_LAYOUTS, LimitError, check_table
 from .messages import unaligned
 
 if TYPE_CHECKING:
-    from .joint_arrays import Integers
     from .joint_state_cdr import JointStateLayout
+    from .joint_table import Integers, Piece
     from .messages import Messages
 
 # These types begin with a stamp, right after the encapsulation header.
@@ -37,106 +36,7 @@ _STAMP = np.dtype(
         "itemsize": 12,
     }
 )
-
-
-class RecordingError(TrunkError):
-    """The file cannot be used as a recording: one line that names it and says what to do."""
-
-
-_PLACES = 3  # listed for a topic
-
-
-class BadMessage(NamedTuple):
-    """A message that cannot be read: the topic's message ``number``, counted from 0, and why."""
-
-    number: int
-    log_time_ns: int
-    why: str
-
-    def describe(self) -> str:
-        """Return place and reason, as a phrase."""
-        logged = f", logged at {seconds(self.log_time_ns):.9f} s" if self.log_time_ns >= 0 else ""
-        return f"message {self.number}{logged}: {self.why}"
-
-
-@dataclass
-class Unreadable:
-    """What cannot be read on a topic. ``limit``: why none of its messages are."""
-
-    count: int = 0
-    first: list[BadMessage] = field(default_factory=list)
-    limit: str | None = None
-
-    def add(self, number: int, log_time_ns: int, why: str) -> None:
-        """Count a message that cannot be read."""
-        self.count += 1
-        if len(self.first) < _PLACES:
-            self.first.append(BadMessage(number, log_time_ns, " ".join(why.split())))
-
-    def describe(self, topic: str, messages: int) -> str:
-        """Return a line about a topic of so many messages."""
-        if self.limit is not None:
-            return f"{topic} is not read: {self.limit}"
-        places = "; ".join(bad.describe() for bad in self.first)
-        more = f" (the first {_PLACES} of them: " if self.count > _PLACES else " ("
-        return f"{topic}: {self.count} of {messages} messages cannot be read{more}{places})"
-
-
-class JointCheck:
-    """Looks through a JointState topic, block by block, before any of its values is used."""
-
-    def __init__(self) -> None:
-        self._layouts: set[JointStateLayout] = set()
-        self._names: set[str] = set()
-        self._last: JointStateLayout | None = None
-        self._unusual = self._messages = self._size = 0
-
-    def bad(self, messages: Messages) -> list[tuple[int, str]]:
-        """Return the rows that cannot be read, and why. Raises LimitError for the whole topic."""
-        self._messages += len(messages)
-        sizes = messages.end - messages.start
-        self._size += int(sizes.sum())
-        check_table(self._messages, len(self._names), self._size)
-        if self._is_as_before(messages, sizes):
-            return []
-        layouts, strange = groups(messages)
-        bad: list[tuple[int, str]] = []
-        for layout, rows in layouts:
-            why = misfit(layout)
-            if why:
-                bad += [(row, why) for row in rows.tolist()]
-            elif layout not in self._layouts:
-                self._layouts.add(layout)
-                self._names.update(layout.name)
-            if not why:
-                self._last = layout
-        self._unusual += len(strange)
-        if self._unusual > MAX_UNUSUAL:
-            raise LimitError(
-                f"more than {MAX_UNUSUAL} of its messages are malformed or not little-endian"
-            )
-        for row in strange:
-            try:
-                self._names.update(sample(messages, row).name)
-            except ValueError as error:
-                bad.append((row, str(error)))
-        if len(self._layouts) > MAX_LAYOUTS:
-            raise LimitError(f"its messages have more than {MAX_LAYOUTS} layouts")
-        if len(self._names) > MAX_JOINTS:
-            raise LimitError(f"its messages name more than {MAX_JOINTS} joints")
-        check_table(self._messages, len(self._names), self._size)
-        return sorted(bad)
-
-    def _is_as_before(self, messages: Messages, sizes: Integers) -> bool:
-        """Return True if all messages have the layout of the ones before: most do."""
-        layout = self._last
-        if layout is None or (sizes != layout.size).any():
-            return False
-        try:
-            layout.decode_at(messages.data, messages.start)
-        except ValueError:
-            return False
-        return True
+STAMP_SIZE = _STAMP.itemsize
 
 
 @dataclass
@@ -160,58 +60,58 @@ class Topic:
     longest_step_ns: int = field(default=0, compare=False)
     overflowing: int = field(default=0, compare=False)  # their nanoseconds make a second or more
     _previous_ns: int | None = field(default=None, repr=False, compare=False)
-    unreadable: Unreadable = field(default_factory=Unreadable)
-    _check: JointCheck = field(default_factory=JointCheck, repr=False, compare=False)
+    unreadable: str = ""  # a message that cannot be read, and why: none is read
+    _kinds: set[JointStateLayout] = field(default_factory=set, repr=False, compare=False)
+    _names: set[str] = field(default_factory=set, repr=False, compare=False)
 
     @property
     def readable(self) -> int:
         """How many of the messages can be read, as far as they were looked at."""
-        return 0 if self.unreadable.limit is not None else self.count - self.unreadable.count
+        return 0 if self.unreadable else self.count
 
     def is_read(self) -> str:
         """Return why messages of this topic are not read by their type; empty if they are."""
         return "" if self.encoding in (CDR, "") else f"encoded as {self.encoding}, only cdr is read"
 
-    def take(self, messages: Messages) -> list[int]:
-        """Count some messages that follow the earlier ones; return the rows that cannot be read."""
-        bad = self._bad(messages)
-        for row, why in bad:
-            self.unreadable.add(self.count + row, int(messages.log_time_ns[row]), why)
-        rows = [row for row, _ in bad]
-        good = messages.without(rows) if rows else messages
+    def refuse(self, number: int, log_time_ns: int, why: str) -> None:
+        """Note that a message cannot be read, the topic's ``number``, counted from 0."""
+        logged = f", logged at {seconds(log_time_ns):.9f} s" if log_time_ns >= 0 else ""
+        self.unreadable = self.unreadable or f"message {number}{logged}: {' '.join(why.split())}"
+
+    def take(self, messages: Messages) -> list[Piece] | None:
+        """Count some messages that follow the earlier ones; return a JointState topic's by layouts.
+
+        None if they are not to be read.
+        """
+        parts, log = None, messages.log_time_ns
+        if (log < 0).any():
+            row = int(np.argmax(log < 0))
+            self.refuse(self.count + row, -1, "its log time is beyond the year 2262")
+        if self.type == names.JOINT_STATE_TYPE and not (self.unreadable or self.is_read()):
+            try:
+                parts = pieces(messages)
+                self._take_layouts(parts, len(messages), int((messages.end - messages.start).sum()))
+            except UnreadableError as error:
+                self.refuse(self.count + error.row, int(log[error.row]), str(error))
+            except LimitError as error:
+                self.unreadable = str(error)
         self.count += len(messages)
         self.size += int((messages.end - messages.start).sum())
-        if len(good):
-            self.take_stamps(good)
-            self.take_log(good.log_time_ns)
-        return rows
+        if len(messages) and (self.is_read() or not self.unreadable):
+            self.take_stamps(messages)
+            self.take_log(log)
+        return None if self.unreadable else parts
 
-    def _bad(self, messages: Messages) -> list[tuple[int, str]]:
-        late = np.flatnonzero(messages.log_time_ns < 0).tolist()
-        if late:  # what else may be wrong with these is not asked
-            return self._bad_of(messages.without(late), late)
-        return self._bad_of(messages, late)
-
-    def _bad_of(self, messages: Messages, late: list[int]) -> list[tuple[int, str]]:
-        """Return the rows that cannot be read, the ``late`` ones, which are not among these, included."""
-        late_rows = [(row, "its log time is beyond the year 2262") for row in late]
-        if (
-            self.type != names.JOINT_STATE_TYPE
-            or self.is_read()
-            or self.unreadable.limit is not None
-        ):
-            return late_rows
-        if not len(messages):
-            return late_rows
-        try:
-            bad = self._check.bad(messages)
-        except LimitError as error:
-            self.unreadable.limit = str(error)
-            return late_rows
-        if not late:
-            return bad
-        kept = np.delete(np.arange(len(messages) + len(late)), late)
-        return sorted([*late_rows, *((int(kept[row]), why) for row, why in bad)])
+    def _take_layouts(self, parts: list[Piece], count: int, size: int) -> None:
+        """Raise LimitError where a table of the messages would take more than these themselves."""
+        new = {part.layout for part in parts} - self._kinds
+        self._kinds |= new
+        self._names.update(name for layout in new for name in layout.name)
+        if len(self._kinds) > MAX_LAYOUTS:
+            raise LimitError(f"its messages have more than {MAX_LAYOUTS} layouts")
+        if len(self._names) > MAX_JOINTS:
+            raise LimitError(f"its messages name more than {MAX_JOINTS} joints")
+        check_table(self.count + count, len(self._names), self.size + size)
 
     def take_stamps(self, messages: Messages) -> None:
         """Take account of the stamps of one or more messages."""
@@ -244,7 +144,7 @@ class Topic:
 
 def fields_of(messages: Messages) -> tuple[Integers, Integers]:
     """Return the stamps of CDR messages that begin with one, where they are long enough: s and ns."""
-    start = messages.start[messages.end - messages.start >= _STAMP.itemsize]
+    start = messages.start[messages.end - messages.start >= STAMP_SIZE]
     fields = unaligned(messages.data, _STAMP)[start]
     little = fields["order"] == 1
     if little.all():  # as almost always

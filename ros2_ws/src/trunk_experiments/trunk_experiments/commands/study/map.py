@@ -17,7 +17,7 @@ from ...errors import PlanError
 from .sweep import ended, run_sweep
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_arrays import Floats
+    from trunk_msgs_util.recording.joint_table import Floats
 
     from ...study.map import MapPanel
 

@@ -1,33 +1,114 @@
-"""Where the records of a chunk begin, found in bulk.
+"""The content of a chunk: its records, unpacked within bounds, and its messages by channel, split in bulk.
 
-Each record's length gives the start of the next. A recorder writes the same few topics again and again,
-so the lengths repeat with a period: it is searched in the lengths read so far, and NumPy then
-checks thousands of records against it at once. Irregular records are read one by one.
+The sizes that a file claims are not trusted: each is checked against the bound before anything is
+decompressed, and the bound also limits what a decompressor may output.
+
+Each record's length gives the start of the next. A recorder writes the same few topics again and again, so
+the lengths repeat with a period: it is searched in the lengths read so far, and NumPy then checks thousands
+of records against it at once. Irregular records are read one by one.
 """
 
 from __future__ import annotations
 
 import struct
+import zlib
 from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
+import lz4.frame
 import numpy as np
+import zstandard
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from .limits import Budget
+from .limits import MAX_CHUNK, Budget
 from .messages import HEAD, Messages, data_starts, head_field
 
 if TYPE_CHECKING:
-    from .joint_arrays import Integers
+    from .joint_table import Integers
 
-_LENGTH = struct.Struct("<Q")
+_HEAD = struct.Struct("<QQQI")  # start, end, uncompressed size, checksum
+_SIZE = struct.Struct("<I")
+_LONG = struct.Struct("<Q")
 _WINDOW = 128  # lengths in which a period is searched
 _MAX_WALK = 8192
 _OTHERS = 1 << 18  # records that are not messages: as many as schemas and channels can exist
+
+
+class ChunkHead(NamedTuple):
+    """A chunk's header; ``start`` and ``end`` bound its log times, in ns."""
+
+    start_ns: int
+    end_ns: int
+    size: int  # uncompressed
+    crc: int  # 0: none
+    compression: str
+    at: int  # start of the compressed data in the record's body
+    length: int  # of the compressed data
+
+
+def chunk_head(body: bytes) -> ChunkHead:
+    """Return the header in a chunk record's body. Raises ValueError if it makes no sense."""
+    try:
+        start, end, size, crc = _HEAD.unpack_from(body)
+        (letters,) = _SIZE.unpack_from(body, _HEAD.size)
+        at = _HEAD.size + _SIZE.size + letters
+        compression = body[_HEAD.size + _SIZE.size : at].decode()
+        (length,) = _LONG.unpack_from(body, at)
+    except (struct.error, UnicodeDecodeError):
+        raise ValueError("its header makes no sense") from None
+    at += _LONG.size
+    if at + length > len(body):
+        raise ValueError(f"it claims {length} bytes of data but has {len(body) - at}")
+    return ChunkHead(start, end, size, crc, compression, at, length)
+
+
+def chunk_records(body: bytes) -> bytes:
+    """Return the records of a chunk, checked against its checksum.
+
+    Raises ValueError for data that are damaged, of a wrong size, or longer than `MAX_CHUNK`.
+    """
+    head = chunk_head(body)
+    if head.size > MAX_CHUNK:
+        raise ValueError(f"it claims {head.size} bytes, more than the {MAX_CHUNK} that are read")
+    data = _decompressed(body[head.at : head.at + head.length], head.compression, head.size)
+    if len(data) != head.size:
+        raise ValueError(f"it claims {head.size} bytes and holds {len(data)}")
+    if head.crc and zlib.crc32(data) != head.crc:
+        raise ValueError("its checksum is wrong")
+    return data
+
+
+def _decompressed(data: bytes, compression: str, size: int) -> bytes:
+    if compression == "":
+        return data
+    if compression == "zstd":
+        return _zstd(data, size)
+    if compression == "lz4":
+        return _lz4(data, size)
+    raise ValueError(f"compression {compression!r} is not known, only zstd, lz4 and none")
+
+
+def _zstd(data: bytes, size: int) -> bytes:
+    try:
+        claimed = zstandard.frame_content_size(data)  # -1: the frame does not say
+        if claimed not in (-1, size):
+            raise ValueError(f"it claims {size} bytes and its Zstandard frame {claimed}")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
+    except zstandard.ZstdError as error:
+        raise ValueError(f"it cannot be decompressed: {error}") from None
+
+
+def _lz4(data: bytes, size: int) -> bytes:
+    try:
+        decompressor = lz4.frame.LZ4FrameDecompressor()
+        unpacked: bytes = decompressor.decompress(data, max_length=size + 1)
+    except (RuntimeError, EOFError, MemoryError) as error:
+        raise ValueError(f"it cannot be decompressed: {error}") from None
+    return unpacked
 
 
 @dataclass(frozen=True)
@@ -99,7 +180,7 @@ def record_offsets(data: bytes) -> tuple[Integers, int]:
         for _ in range(steps):
             if at > last_head:
                 break
-            following = at + HEAD.size + _LENGTH.unpack_from(data, at + 1)[0]
+            following = at + HEAD.size + _LONG.unpack_from(data, at + 1)[0]
             if following > size:
                 parts.append(np.array(walked, np.int64))
                 return np.concatenate(parts), at

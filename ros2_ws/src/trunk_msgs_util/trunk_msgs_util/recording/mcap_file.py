@@ -1,0 +1,613 @@
+"""`McapFile`: one MCAP file, read once, record by record, up to the first damage.
+
+What holds messages is a block: a chunk, or a run of messages outside chunks. The same walk finds what is
+wrong with the file's structure, and notes what an index has to say of it (`summary`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import zlib
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+
+import numpy as np
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import Channel, Header, Metadata, Schema, Statistics
+
+from ..errors import RecordingError
+from ..units import seconds
+from .bag_folder import LONGEST_HEAD, other_format
+from .content import Content, chunk_head, chunk_records, record_offsets, split
+from .digests import DIGESTS, END, PROVENANCE
+from .limits import MAX_CHANNELS, MAX_CHUNK, MAX_METADATA, MAX_NAME, Budget, LimitError
+from .messages import HEAD, MAGIC
+from .topic import STAMPED, Topic
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping
+
+    from .joint_table import Integers, Piece
+    from .messages import Messages
+
+    Fill = Callable[[str, Messages, list[Piece]], None]
+
+ERROR, WARNING, INFO = "error", "warning", "info"
+BLOCKS = (Opcode.CHUNK, Opcode.MESSAGE)
+# Records other than chunks that an index lists, with their names in messages.
+INDEXED = {Opcode.METADATA: "the metadata record", Opcode.ATTACHMENT: "the attachment"}
+
+_CRC = struct.Struct("<I")
+_RUN = 1 << 20  # bytes of messages outside chunks that are read at a time, at most
+_AHEAD = 1 << 12  # the same, at first: it doubles while nothing else comes
+# These may be longer than `MAX_CHUNK`; their content is not read here.
+_SKIPPED = (Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX)
+# What comes only after the end of the data; among them it is a damaged record.
+_AFTER_DATA = (
+    Opcode.FOOTER,
+    Opcode.CHUNK_INDEX,
+    Opcode.ATTACHMENT_INDEX,
+    Opcode.STATISTICS,
+    Opcode.METADATA_INDEX,
+    Opcode.SUMMARY_OFFSET,
+)
+_INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
+
+
+OURS = "trunk_msgs_util"  # how the library's name begins in files that must have an end record
+_OUR_METADATA = PROVENANCE[:6].encode()  # what the names of our metadata begin with
+_SHORT = 1 << 16  # bytes of others' metadata that are read
+_NUMBER = struct.Struct("<H")
+# Records with maps, in which others may read the first of two equal keys.
+_READ: dict[int, Callable[[ReadDataStream], Any]] = {
+    Opcode.METADATA: Metadata.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.STATISTICS: Statistics.read,
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finding about a recording and its place; None if a place makes no sense."""
+
+    severity: str  # ERROR: wrong or lost; WARNING: missing; INFO
+    message: str
+    topic: str | None = None
+    stamp_ns: int | None = None
+    byte: int | None = None
+
+    def describe(self) -> str:
+        """Return the finding as one line, place first."""
+        place = [
+            *([self.topic] if self.topic is not None else []),
+            *([f"t = {seconds(self.stamp_ns):.9g} s"] if self.stamp_ns is not None else []),
+            *([f"byte {self.byte}"] if self.byte is not None else []),
+        ]
+        return ": ".join([*([", ".join(place)] if place else []), self.message])
+
+
+class DamageError(ValueError):
+    """The file is damaged from some byte on."""
+
+
+class LimitReachedError(DamageError):
+    """The file goes beyond a limit: it is read up to there."""
+
+
+class ChecksumError(DamageError):
+    """The file is complete, but something in it was altered."""
+
+
+class TrailingError(DamageError):
+    """The recording is complete, but the file goes on after it: readers from the end see something else."""
+
+
+class Record(NamedTuple):
+    """A record, or a run of messages outside chunks with their headers (``opcode`` is MESSAGE)."""
+
+    offset: int  # in the file; of the chunk, for a record inside one
+    opcode: int
+    body: bytes  # empty for attachments, indexes and kinds that are not known
+    end: int
+
+    @property
+    def stream(self) -> ReadDataStream:
+        """The stream from which mcap reads a record."""
+        return ReadDataStream(BytesIO(self.body))
+
+
+def name_of(opcode: int) -> str:
+    """Return the name of this kind of record, or its number where it has none."""
+    return Opcode(opcode).name if is_known(opcode) else f"{opcode:#04x}"
+
+
+def is_known(opcode: int) -> bool:
+    """Return whether MCAP defines this kind of record; private ones and later ones are skipped."""
+    return opcode in Opcode._value2member_map_
+
+
+def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Record]:
+    """Yield the records of a file of ``size`` bytes positioned at ``start``, after its magic.
+
+    From a later ``start`` the data's checksum cannot be checked, and is not.
+    Raises DamageError at a record that is cut off or too long to be read, ChecksumError after
+    data whose checksum is wrong, and TrailingError if the file goes on after its end.
+    """
+    crc = zlib.crc32(MAGIC)
+    offset = start
+    in_data = True
+    while offset < size:
+        head = file.read(HEAD.size)
+        if len(head) < HEAD.size:
+            raise DamageError(f"ends at byte {size}, in the header of the record at byte {offset}")
+        opcode, length = HEAD.unpack(head)
+        end = offset + HEAD.size + length
+        if end > size:
+            raise DamageError(
+                f"ends at byte {size}, inside the {name_of(opcode)} record at byte {offset}"
+            )
+        if opcode == 0:
+            raise DamageError(f"a record of kind 0x00, which is not valid, at byte {offset}")
+        if in_data and opcode in _AFTER_DATA:
+            raise DamageError(f"a {name_of(opcode)} record among the data, at byte {offset}")
+        in_data = in_data and opcode != Opcode.DATA_END
+        if opcode in _SKIPPED or not is_known(opcode):
+            first = file.read(min(length, _INDEX_HEAD.size))
+            if opcode == Opcode.MESSAGE_INDEX and not _is_index(first, length):
+                raise DamageError(f"the MESSAGE_INDEX record at byte {offset} is too short")
+            yield Record(offset, opcode, b"", end)
+            crc = _skip(file, length - len(first), zlib.crc32(first, zlib.crc32(head, crc)))
+        else:
+            if length > MAX_CHUNK:
+                raise DamageError(
+                    f"the {name_of(opcode)} record at byte {offset} claims {length} bytes, "
+                    f"more than the {MAX_CHUNK} that are read"
+                )
+            body = file.read(length)
+            if opcode == Opcode.MESSAGE:
+                body = _run(file, head + body, size - end)
+                end = offset + len(body)
+                head = b""
+            if opcode == Opcode.DATA_END:
+                (expected,) = _CRC.unpack(body[:4].ljust(4, b"\x00"))
+                if start == len(MAGIC) and expected not in (0, crc):
+                    raise ChecksumError(f"the checksum of the first {offset} bytes is wrong")
+            crc = zlib.crc32(body, zlib.crc32(head, crc))
+            yield Record(offset, opcode, body, end)
+        if opcode == Opcode.FOOTER:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise DamageError(f"ends at byte {size}, without the closing magic at byte {end}")
+            if end + len(MAGIC) < size:
+                raise TrailingError(
+                    f"{size - end - len(MAGIC)} bytes after the end at byte {end + len(MAGIC)}: "
+                    "other readers may see another recording"
+                )
+            return
+        offset = end
+    raise DamageError(f"ends at byte {size}, without a footer")
+
+
+def _is_index(first: bytes, length: int) -> bool:
+    """Return True if a message index has the entries that it claims; more may follow them."""
+    return (
+        len(first) == _INDEX_HEAD.size and _INDEX_HEAD.unpack(first)[1] <= length - _INDEX_HEAD.size
+    )
+
+
+def _skip(file: BinaryIO, length: int, crc: int) -> int:
+    """Read past some bytes and return the checksum continued over them."""
+    while length > 0:
+        piece = file.read(min(length, _RUN))
+        crc = zlib.crc32(piece, crc)
+        length -= max(len(piece), 1)
+    return crc
+
+
+def _run(file: BinaryIO, first: bytes, left: int) -> bytes:
+    """Return a message record and the whole message records after it, about `_RUN` bytes.
+
+    About as much as what is returned, or `_AHEAD`, may be read ahead and discarded.
+    """
+    run, ahead = [first], _AHEAD
+    while ahead <= _RUN and left:
+        data = file.read(min(ahead, left))
+        offsets, end = record_offsets(data)
+        others = np.flatnonzero(np.frombuffer(data, np.uint8)[offsets] != Opcode.MESSAGE)
+        if len(others):
+            end = int(offsets[others[0]])
+        file.seek(end - len(data), 1)
+        run.append(data[:end])
+        left -= end
+        if len(others) or not end:
+            break
+        ahead *= 2
+    return b"".join(run)
+
+
+def damaged(record: Record, error: Exception) -> DamageError:
+    """Return the error for a record whose body makes no sense."""
+    reason = str(error) or type(error).__name__
+    return DamageError(
+        f"the {name_of(record.opcode)} record at byte {record.offset} is damaged ({reason})"
+    )
+
+
+def content_of(record: Record, budget: Budget | None = None) -> Content:
+    """Return the content of a block. Raises DamageError, and LimitReachedError beyond the budget."""
+    try:
+        if record.opcode != Opcode.CHUNK:
+            return split(record.body, budget)
+        if budget is not None:
+            budget.unpack(chunk_head(record.body).size)
+        return split(chunk_records(record.body), budget)
+    except LimitError as error:
+        raise limit_reached(record, error) from None
+    except Exception as error:  # whatever a decompressor may raise on damaged bytes
+        raise damaged(record, error) from None
+
+
+def visit(record: Record, budget: Budget, take_other: Callable[[Record], None]) -> Content | None:
+    """Return a block's content, and give every other record, also one in a chunk, to ``take_other``.
+
+    Raises DamageError for whatever that raises, and LimitReachedError for a LimitError.
+    """
+    content = content_of(record, budget) if record.opcode in BLOCKS else None
+    inside = content.others if content is not None else [(record.opcode, record.body)]
+    for opcode, body in inside:
+        part = Record(record.offset, opcode, body, record.end)
+        try:
+            take_other(part)
+        except LimitError as error:
+            raise limit_reached(part, error) from None
+        except Exception as error:  # whatever mcap may raise on a damaged record
+            raise damaged(part, error) from None
+    return content
+
+
+def limit_reached(record: Record, error: LimitError) -> LimitReachedError:
+    """Return the error for a record that goes beyond a limit."""
+    where = f"at the {name_of(record.opcode)} record at byte {record.offset}"
+    return LimitReachedError(f"the file reaches a limit {where}: {error}")
+
+
+def read_block(file: BinaryIO, offset: int, end: int) -> Record:
+    """Return a block that `records` has yielded before."""
+    file.seek(offset)
+    data = file.read(end - offset)
+    if data[:1] == bytes([Opcode.CHUNK]):
+        return Record(offset, Opcode.CHUNK, data[HEAD.size :], end)
+    return Record(offset, Opcode.MESSAGE, data, end)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Where a chunk or a run of messages is, and which channels it contains."""
+
+    offset: int
+    end: int
+    channels: frozenset[int]
+
+
+class SeenChunk(NamedTuple):
+    """A chunk as it is in the file: what an index has to say of it."""
+
+    end: int
+    span_ns: tuple[int, int]
+    compression: str
+    sizes: tuple[int, int]  # compressed, uncompressed
+    marks: dict[int, int]  # of its messages, by channel: see `mark`
+
+
+class McapFile:
+    """One file. Nothing after its first damaged byte counts; ``warning`` names that byte."""
+
+    def __init__(self, path: Path, topics: dict[str, Topic]) -> None:
+        """Prepare to scan a file into ``topics``, which may hold those of earlier files."""
+        self.path = path
+        self.topics = topics
+        self.library = ""
+        self.profile = ""
+        self.metadata: dict[str, dict[str, str]] = {PROVENANCE: {}}
+        self.metadata_records: list[tuple[str, dict[str, str]]] = []  # all, in file order
+        self.attachments = 0
+        self.unknown: set[int] = set()  # kinds of records that were skipped
+        self.warning: str | None = None
+        self.sound = True  # nothing in it was altered
+        self.whole = False  # it was read to its end
+        self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, Schema] = {}
+        self.blocks: list[Block] = []
+        # What its structure is, beside what the index says of it.
+        self.findings: list[Finding] = []
+        self.size = 0  # 0: it was not scanned
+        self.end = len(MAGIC)  # of the last record
+        self.data_end: int | None = None
+        self.counts: dict[int, int] = {}  # messages by channel
+        self.outside = 0  # messages outside chunks
+        self.span_ns = 0, 0  # of all log times; zeros without messages
+        self.chunks: dict[int, SeenChunk] = {}  # by offset
+        self.indexed: dict[int, dict[int, tuple[int, str]]] = {o: {} for o in INDEXED}
+        self._statistics: Statistics | None = None
+        self._bodies: dict[tuple[int, int | None], bytes] = {}  # of the first schemas and channels
+        self._numbers: dict[str, list[int]] = {}  # channels by topic
+        self._described_by = 0  # bytes of our metadata
+
+    def scan(
+        self,
+        progress: Callable[[int], None] = lambda _: None,
+        keep: Callable[[int, Content], None] = lambda _at, _content: None,
+        fill: Fill | None = None,
+    ) -> None:
+        """Read the file; ``progress`` is called with the bytes read, ``keep`` with each block's content.
+
+        ``fill`` is called with the messages of JointState topics. Raises RecordingError and OSError.
+        """
+        self.size = size = size_of(self.path)
+        budget = Budget(size)
+        with self.path.open("rb") as file:
+            check_magic(self.path, file, size)
+            try:
+                for record in records(file, size):
+                    content = visit(record, budget, self.take_record)
+                    self._look_at(record)
+                    if content is not None:
+                        self._look_into(record, content)
+                        self._take_content(content, record, fill)
+                        keep(record.offset, content)
+                    self.end = record.end
+                    progress(record.end)
+            except DamageError as error:
+                self.warning = str(error)
+                self.whole = isinstance(error, ChecksumError | TrailingError)
+                self.sound = not isinstance(error, ChecksumError)
+                if isinstance(error, TrailingError):
+                    self.size = self.end + len(MAGIC)
+                self.findings.append(Finding(ERROR, str(error), byte=self.end))
+            else:
+                self.whole = True
+        if self.whole and self._statistics is not None:
+            miscount = miscounted(self._statistics, self.counts)
+            self.sound, self.warning = self.sound and not miscount, self.warning or miscount or None
+
+    def take_record(self, record: Record) -> None:
+        """Process a record without messages. Raises whatever mcap raises."""
+        if record.opcode == Opcode.HEADER:
+            header = Header.read(record.stream)
+            self.profile, self.library = header.profile, header.library
+        elif record.opcode == Opcode.SCHEMA:
+            if self._is_new(record, self.schemas, Schema.read):
+                self.take_described(Schema.read(record.stream))
+        elif record.opcode == Opcode.CHANNEL:
+            if self._is_new(record, self.channels, Channel.read):
+                self.take_described(Channel.read(record.stream))
+        elif record.opcode == Opcode.METADATA and record.body[4:10] != _OUR_METADATA:
+            self.metadata_records.append(others_metadata(record))
+        elif record.opcode == Opcode.METADATA:
+            self._described_by += len(record.body)
+            if self._described_by > MAX_METADATA:
+                raise LimitError(f"more than {MAX_METADATA} bytes of metadata")
+            metadata = Metadata.read(record.stream)
+            self.metadata_records.append((metadata.name, metadata.metadata))
+            if metadata.name == PROVENANCE:
+                self.metadata[PROVENANCE].update(metadata.metadata)
+            elif metadata.name in (DIGESTS, END):
+                self.metadata[metadata.name] = metadata.metadata
+        elif record.opcode == Opcode.ATTACHMENT:
+            self.attachments += 1
+        elif record.opcode == Opcode.STATISTICS:
+            self._statistics = Statistics.read(record.stream)
+        elif not is_known(record.opcode):
+            self.unknown.add(record.opcode)
+
+    def _is_new(
+        self, record: Record, known: Mapping[int, object], read: Callable[[ReadDataStream], object]
+    ) -> bool:
+        """Return True for a schema or channel that was not described before.
+
+        Raises ValueError if it was described differently: other readers may take the later description.
+        """
+        number = numbered(record)
+        if number not in known:
+            self._bodies[record.opcode, number] = record.body
+            return True
+        same = self._bodies.get((record.opcode, number)) == record.body
+        if not same and read(record.stream) != known.get(number or 0):
+            raise ValueError(f"number {number} was described differently before")
+        return False
+
+    def take_described(self, item: Schema | Channel) -> None:
+        """Process a schema or a channel; the first with a given number counts. Raises LimitError."""
+        if isinstance(item, Schema):
+            check_schema_limits(len(self.schemas), item)
+            self.schemas.setdefault(item.id, item)
+        elif item.id not in self.channels:
+            check_schema_limits(max(len(self.channels), len(self.topics)), item)
+            self.channels[item.id] = item
+            self._numbers.setdefault(item.topic, []).append(item.id)
+            described = self.schemas.get(item.schema_id)
+            topic = self.topics.setdefault(
+                item.topic, Topic(described.name if described else "", item.message_encoding)
+            )
+            if topic.type in STAMPED and topic.is_read() and not topic.unreadable:
+                topic.unreadable = topic.is_read()
+
+    def _take_content(self, content: Content, record: Record, fill: Fill | None) -> None:
+        """Count a block's messages. Raises DamageError for unknown channels."""
+        if not content.channels.keys() <= self.channels.keys():
+            raise DamageError(
+                f"the record at byte {record.offset} has messages of an unknown channel"
+            )
+        for topic, messages in self.by_topic(content).items():
+            parts = self.topics[topic].take(messages)
+            if parts is not None and fill is not None:
+                fill(topic, messages, parts)
+        self.blocks.append(Block(record.offset, record.end, frozenset(content.channels)))
+
+    def _look_at(self, record: Record) -> None:
+        """Note where a record is, and what is wrong with it."""
+        if record.opcode == Opcode.DATA_END:
+            self.data_end = record.end
+            if not any(record.body[:4]):
+                text = "no checksum of the data section: changes outside chunks go undetected"
+                self.findings.append(Finding(INFO, text, byte=record.offset))
+        elif not is_known(record.opcode):
+            self._skipped(record.opcode, record.offset)
+        elif record.opcode in _READ and not _is_canonical(record):
+            text = (
+                f"the {name_of(record.opcode)} record has a key twice: others may read it otherwise"
+            )
+            self.findings.append(Finding(ERROR, text, byte=record.offset))
+        if record.opcode in INDEXED and self.data_end is None:
+            length = record.end - record.offset
+            name = self.metadata_records[-1][0] if record.body else ""
+            self.indexed[record.opcode][record.offset] = length, name
+
+    def _skipped(self, opcode: int, offset: int) -> None:
+        text = f"a record of the unknown kind {name_of(opcode)} is skipped"
+        self.findings.append(Finding(INFO, text, byte=offset))
+
+    def _look_into(self, record: Record, content: Content) -> None:
+        """Note what is in a block, and what is wrong with a chunk."""
+        times = [messages.log_time_ns.view(np.uint64) for messages in content.channels.values()]
+        spans = [(int(t.min()), int(t.max())) for t in times]
+        own = (min(t for t, _ in spans), max(t for _, t in spans)) if spans else (0, 0)
+        if spans:
+            before = self.span_ns if self.counts else own
+            self.span_ns = min(own[0], before[0]), max(own[1], before[1])
+        for number, messages in content.channels.items():
+            self.counts[number] = self.counts.get(number, 0) + len(messages)
+        if record.opcode != Opcode.CHUNK:
+            self.outside += sum(map(len, content.channels.values()))
+            return
+        for opcode in sorted({opcode for opcode, _ in content.others if not is_known(opcode)}):
+            self._skipped(opcode, record.offset)
+        head = chunk_head(record.body)
+        if not head.crc:
+            self.findings.append(Finding(INFO, "the chunk has no checksum", byte=record.offset))
+        span = head.start_ns, head.end_ns
+        if spans and span != own:
+            text = "the chunk's time span is not that of its messages"
+            self.findings.append(Finding(ERROR, text, byte=record.offset))
+        self.chunks[record.offset] = SeenChunk(
+            record.end,
+            span,
+            head.compression,
+            (head.length, head.size),
+            {
+                channel: mark(messages.log_time_ns, messages.offsets())
+                for channel, messages in content.channels.items()
+            },
+        )
+
+    def numbers(self, topic: str) -> list[int]:
+        """Return the channels of a topic."""
+        return self._numbers.get(topic, [])
+
+    def type_of(self, channel: int) -> str:
+        """Return the message type of a channel."""
+        schema = self.schemas.get(self.channels[channel].schema_id)
+        return schema.name if schema else ""
+
+    def by_topic(
+        self, content: Content, topics: Collection[str] | None = None
+    ) -> dict[str, Messages]:
+        """Return a block's messages by topic, of all topics or of some; none without messages."""
+        numbers: dict[str, list[int]] = {}
+        for number in sorted(content.channels):
+            topic = self.channels[number].topic
+            if topics is None or topic in topics:
+                numbers.setdefault(topic, []).append(number)
+        return {
+            topic: messages
+            for topic, channels in numbers.items()
+            if (messages := content.messages(channels)) is not None and len(messages)
+        }
+
+    def content(self, file: BinaryIO, block: Block) -> Content:
+        """Return a block's content, read again. Raises RecordingError if the file has changed."""
+        try:
+            return content_of(read_block(file, block.offset, block.end))
+        except DamageError as error:
+            raise RecordingError(
+                f"{self.path} has changed while it was being read: {error}"
+            ) from None
+
+
+def size_of(path: Path) -> int:
+    """Return a file's size. Raises RecordingError for what is not a file, and OSError."""
+    if not path.is_file() and path.exists():
+        raise RecordingError(f"{path} is not a regular file: give a recording of a run")
+    return path.stat().st_size
+
+
+def check_magic(path: Path, file: BinaryIO, size: int) -> None:
+    """Read past the magic. Raises RecordingError if it is missing."""
+    if size == 0:
+        raise RecordingError(f"{path} is empty: nothing was recorded; record the run again")
+    head = file.read(len(MAGIC))
+    if head != MAGIC:
+        kind = other_format(path, head + file.read(LONGEST_HEAD - len(head)))
+        raise RecordingError(
+            f"{path} is {kind}"
+            if kind
+            else f"{path} is not an MCAP file: give a recording of a run"
+        )
+
+
+def numbered(record: Record) -> int | None:
+    """Return the number with which a schema's or a channel's record begins; None without one."""
+    return _NUMBER.unpack_from(record.body)[0] if len(record.body) >= _NUMBER.size else None
+
+
+def others_metadata(record: Record) -> tuple[str, dict[str, str]]:
+    """Return a metadata record that is not ours; only its digest if it is large or malformed."""
+    if len(record.body) <= _SHORT:
+        with suppress(Exception):  # whatever mcap may raise: nothing in it is needed
+            metadata = Metadata.read(record.stream)
+            return metadata.name, metadata.metadata
+    return "", {"blake2b": hashlib.blake2b(record.body, digest_size=32).hexdigest()}
+
+
+def check_schema_limits(count: int, item: Schema | Channel) -> None:
+    """Raise LimitError for a schema or channel after so many others, or with too long a name."""
+    kind, name = ("schema", item.name) if isinstance(item, Schema) else ("topic", item.topic)
+    if count >= MAX_CHANNELS:
+        raise LimitError(f"more than {MAX_CHANNELS} {kind}s")
+    if len(name) > MAX_NAME:
+        raise LimitError(
+            f"the name of a {kind} has {len(name)} characters: at most {MAX_NAME} are read"
+        )
+
+
+def miscounted(statistics: Statistics, counts: Mapping[int, int]) -> str:
+    """Return how statistics differ from a file's messages by channel; empty if they agree."""
+    counted = {channel: n for channel, n in statistics.channel_message_counts.items() if n}
+    total = sum(counts.values())
+    if statistics.message_count == total and counted in ({}, counts):
+        return ""
+    return (
+        f"statistics count {statistics.message_count} messages, there are {total}, "
+        "or they are on other channels"
+    )
+
+
+def _is_canonical(record: Record) -> bool:
+    """Return False if a record, written anew from what is read of it, is another one."""
+    builder = RecordBuilder()
+    try:
+        _READ[record.opcode](record.stream).write(builder)
+    except Exception:  # whatever mcap may raise on a damaged record, which is found elsewhere
+        return True
+    return record.body.startswith(builder.end()[HEAD.size :])  # longer ones are allowed
+
+
+def mark(log_time_ns: Integers, offsets: Integers) -> int:
+    """Return a checksum of a channel's index entries, in the chunk's order."""
+    order = np.argsort(offsets, kind="stable")
+    return zlib.crc32(log_time_ns[order].tobytes(), zlib.crc32(offsets[order].tobytes()))
