@@ -17,10 +17,9 @@ from trunk_experiments.errors import (
     StudyError,
     SweepError,
 )
-from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.errors import RecordingError, TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.parameters.files import ParameterFileError
-from trunk_msgs_util.recording.topic import RecordingError
 from trunk_sim.simulation import DivergedError
 
 PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
@@ -28,6 +27,7 @@ PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments"
 INTERNAL = {
     "DamageError",
     "ChecksumError",
+    "UnreadableError",
     "LimitError",
     "LimitReachedError",
     "TrailingError",

@@ -16,7 +16,6 @@ from rosbags.typesys import Stores, get_typestore
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.columns import joint_names, read_series
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.samples import JointSample
@@ -95,16 +94,17 @@ def test_arrays_are_those_of_rosbags(tmp_path, messages, compression, chunks, in
         use_statistics=statistics,
     )
     recording = Recording.open(path)
-    arrays = recording.joints_of(TOPICS)
+    arrays = recording.tables(dict.fromkeys(TOPICS))
     for topic in TOPICS:
         expected = by_rosbags(messages, topic)
         assert_same_bits(arrays[topic], expected)
         blocks = list(recording.messages(topic))
         log, data = (list(itertools.chain(*(block[i] for block in blocks))) for i in (0, 1))
         assert list(zip(log, data, strict=True)) == [m[1:] for m in messages if m[0] == topic]
-        assert joint_names(recording, topic) == (expected[0][0] if expected else ())
+        assert recording.joint_names(topic) == (expected[0][0] if expected else ())
     wanted = {topic: [("position", "trunk"), ("effort", "a")] for topic in TOPICS}
-    for topic, series in read_series(recording, wanted).items():
+    for topic, table in recording.tables(wanted).items():
+        series = table.by_stamp()
         whole = arrays[topic].by_stamp()
         assert series.stamp_ns.tolist() == whole.stamp_ns.tolist()
         for column in wanted[topic]:
@@ -128,7 +128,7 @@ def test_each_chunk_is_decompressed_once_for_all_topics(tmp_path, monkeypatch):
         "content",
         lambda self, file, block: read.append(block.offset) or original(self, file, block),
     )
-    read_series(recording, {topic: [("effort", "trunk")] for topic in TOPICS})
+    recording.tables({topic: [("effort", "trunk")] for topic in TOPICS})
     assert len(read) > 10
     assert len(read) == len(set(read))
 
@@ -268,5 +268,5 @@ def test_other_names_of_the_same_size_are_another_layout(tmp_path):
     recording = Recording.open(write_mcap(tmp_path / "a.mcap", messages))
     expected = [k if k % 2 else -k for k in range(9)]
     assert recording.joints("/a").column("position", "ab").tolist() == expected
-    series = read_series(recording, {"/a": [("position", "ab")]})["/a"]
+    series = recording.tables({"/a": [("position", "ab")]})["/a"]
     assert series.column("position", "ab").tolist() == expected

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from benchmarks import soak
 
-from trunk_msgs_util.recording.joint_arrays import JointArrays
+from trunk_msgs_util.recording.joint_table import JointArrays
 from trunk_msgs_util.recording.reader import Recording
 
 H = 5_000_000

@@ -28,7 +28,7 @@ from trunk_experiments.lab.program import with_value
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.runs.loop_inputs import check_compilable, states_of
 from trunk_experiments.runs.schedule import Schedule
-from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.joint_table import Integers
 
 from ..finished import finished
 

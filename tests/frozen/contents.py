@@ -11,8 +11,8 @@ from typing import NamedTuple
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
+from ros2_ws.src.trunk_experiments.test.random_plans import NOT_DRAWN, OF_FUZZY_PID
 
-from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_experiments.plans.nodes import NODES
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
@@ -27,7 +27,7 @@ _SIZE = 16  # bytes of a digest
 _HEAD = struct.Struct("<qI")
 # Of a graph, these depend on where and in which process it ran.
 _PROCESS, _OUTPUT = "process", "output"
-_YOUNGER = ("sync_interval", *FuzzyPidConfig.unrecorded)  # parameters than what was frozen
+_YOUNGER = ("sync_interval", *NOT_DRAWN, *OF_FUZZY_PID)  # parameters than what was frozen
 
 
 class Heard(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 from mcap.reader import make_reader
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_arrays import JointArrays
+from trunk_msgs_util.recording.joint_table import JointArrays
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 

@@ -55,7 +55,7 @@ def test_why_no_message_can_be_read_comes_first(
     last = err.splitlines()[-1]
     assert (code, last) == (
         2,
-        f"trunk: error: {path}: {TRUTH}: none of its 20 messages can be read: {why}",
+        f"trunk: error: {path}: {TRUTH} is not read: message 0, logged at 0.000000000 s: {why}",
     ), out
 
 

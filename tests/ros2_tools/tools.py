@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_msgs_util.errors import RecordingError
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.topic import RecordingError
 
 from ..finished import finished
 

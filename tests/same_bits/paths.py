@@ -26,7 +26,7 @@ from trunk_experiments.runs.files import RunFiles
 from trunk_experiments.runs.graph import run_graph
 from trunk_experiments.runs.offline_recording import record_offline, record_states
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.simulation import DivergedError
 

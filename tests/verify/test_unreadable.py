@@ -36,7 +36,7 @@ def test_unreadable_messages_are_only_an_obstacle(honest, tmp_path):
     verdict = verify(copied(honest, tmp_path / "a.mcap", cut_references, digests=ANEW))
     assert verdict.exit_code == UNJUDGED, verdict.reasons
     assert not verdict.contradictions
-    assert any(f"{REFERENCE}: 3 of 4 messages cannot be read" in line for line in verdict.reasons)
+    assert any(f"{REFERENCE} is not read: message " in line for line in verdict.reasons)
 
 
 @pytest.mark.parametrize("end", [True, False], ids=["complete", "cut"])

@@ -10,6 +10,7 @@ from trunk_experiments.cli import main
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
+from trunk_msgs_util.provenance import FORMAT
 from trunk_msgs_util.recording.schemas import parameter_event
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 
@@ -49,7 +50,7 @@ def write_hostile(source, path):
     found.channels[evil] = replace(found.channels[f"/{topics.RUN_PARAMETERS}"], id=99, topic=evil)
     data = parameter_event(0, f"/{CLOSE}", {SCRIPT: QUOTES, QUOTES: CLOSE}, {})
     found.messages += [[topic, 0, data, 0, 0] for topic in (f"/{topics.RUN_PARAMETERS}", evil)]
-    told = {"scenario": SCRIPT, QUOTES: CLOSE, "mode": QUOTES}
+    told = {"scenario": SCRIPT, QUOTES: CLOSE, "mode": QUOTES, "format": FORMAT}
     found.metadata[0] = (PROVENANCE, told)
     found.values(END).update(complete="false", reason=CLOSE)
     write_file(found, path, ANEW)

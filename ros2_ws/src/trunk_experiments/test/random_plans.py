@@ -48,6 +48,14 @@ ANY_LAW = 200
 _LATER_PARTIES = (*_PARTIES, *((name,) for name in CONTROLLERS[4:]), ("fuzzy", "fuzzy_pid"))
 
 
+# None of these is drawn, so that seeds give the plans that they always gave.
+NOT_DRAWN = {"gap.max_periods"}
+OF_FUZZY_PID = {
+    *(f"fuzzy.{name}_labels" for name in ("error", "rate", "kp", "kd", "alpha")),
+    *("fuzzy.kp_centers", "fuzzy.kd_centers"),
+}
+
+
 @dataclass(frozen=True)
 class Draw:
     """Draws values of declared parameters."""
@@ -100,10 +108,8 @@ class Draw:
     def config(self, node: str, **given: Any) -> Any:
         """Return a node's configuration; a value that does not fit the rest gets its default."""
         declared = declarations(NODES[node].config)
-        younger = getattr(
-            NODES[node].config, "unrecorded", {}
-        )  # none is drawn: the others stay as they were
-        values = {name: self.value(d) for name, d in declared.items() if name not in younger}
+        skipped = NOT_DRAWN | (OF_FUZZY_PID if node == "fuzzy_pid" else set())
+        values = {name: self.value(d) for name, d in declared.items() if name not in skipped}
         values["autostart"] = bool(self.rng.random() > 0.02)
         values.update(given)
         while True:

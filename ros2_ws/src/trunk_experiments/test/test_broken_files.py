@@ -11,7 +11,7 @@ import sys
 import pytest
 from mcap.writer import Writer
 
-from trunk_msgs_util.recording.chunk import MAX_CHUNK
+from trunk_msgs_util.recording.content import MAX_CHUNK
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
@@ -190,7 +190,7 @@ def test_our_topic_with_another_type_gives_one_line(trunk, tmp_path):
     assert "cannot be read" in err.splitlines()[-1]
     code, out, err = trunk("info", path)
     assert code == 0
-    assert "/run/parameters: 30 of 30 messages cannot be read (the first 3 of them: " in err
+    assert "/run/parameters is not read: message 0: its type is std_msgs/msg/String" in err
 
 
 def test_doubled_topics_and_messages_count_once(whole, trunk, tmp_path, short_run):

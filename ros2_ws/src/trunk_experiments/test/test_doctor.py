@@ -9,6 +9,7 @@ from trunk_experiments.commands.doctor import exit_code
 from trunk_experiments.replay.doctor import ERROR, WARNING, examine
 from trunk_experiments.replay.verify import verify
 from trunk_msgs_util import topics
+from trunk_msgs_util.provenance import FORMAT
 from trunk_msgs_util.recording.digests import PARTS
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
@@ -27,7 +28,7 @@ def write_run(path, stamps=range(20), value=float, end=True, provenance=True, pa
     """Write a run whose true states have these stamps in ms and values computed from them."""
     writer = RecordingWriter(path, "none", overwrite=True)
     if provenance:
-        writer.add_metadata(PROVENANCE, {"mode": "offline", "scenario": "fig6"})
+        writer.add_metadata(PROVENANCE, {"mode": "offline", "format": FORMAT, "scenario": "fig6"})
     channels = {
         topic: writer.channel(f"/{topic}", type_name)
         for topic, type_name in topics.evidence_types(("pid",)).items()
@@ -151,7 +152,7 @@ def test_recover_saves_all_but_the_damaged_chunk(tmp_path):
     assert saved.joints(TRUTH).stamp_ns.tolist() == [k * MS for k in (*range(5), *range(10, 20))]
     assert not saved.complete
     assert saved.end["recovered"] == "true"
-    assert saved.provenance == {"mode": "offline", "scenario": "fig6"}
+    assert saved.provenance == {"mode": "offline", "format": FORMAT, "scenario": "fig6"}
     # Digests of the whole run would flag the remaining messages as altered.
     assert saved.digests == {}
     assert saved.alterations() == []
@@ -275,8 +276,9 @@ def test_a_bad_message_is_named(tmp_path, short_run):
     found = content(short_run("fig8", "pid", duration=0.3))
     found.messages.append(["/run/events", 5, b"\0\1\0\0", 5, 0])
     recording = write(found, tmp_path / "a.mcap", ANEW)
-    (finding,) = examine(recording.path)
-    assert finding.message.startswith("/run/events: 1 of 3 messages cannot be read (message 2, ")
+    refused, without = examine(recording.path)
+    assert refused.message.startswith("/run/events is not read: message 2, logged at ")
+    assert without.message == "no events: the run cannot be judged"
     verdict = verify(recording)
     assert not any(check.wrong_steps for check in verdict.checks)
-    assert verdict.obstacles == [finding.message]
+    assert verdict.obstacles[0] == refused.message

@@ -6,41 +6,21 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from mcap.reader import make_reader
-from tests.real_time import late_inputs, record_real_time
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay import doubts
 from trunk_experiments.replay.doubts import Doubts, doubts_of
-from trunk_experiments.replay.late import Late, late_steps
-from trunk_experiments.runs.loop_inputs import states_of
+from trunk_experiments.replay.late import late_steps
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.compare import best_of
+from trunk_msgs_util.errors import RecordingError
 from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
-from trunk_msgs_util.recording.topic import RecordingError
 from trunk_msgs_util.recording.writer import RecordingWriter
-
-from ...trunk_msgs_util.test.mcap_files import ANEW, copied
 
 LATE = "LATE: the machine was too busy, 1 of 1300 steps late"
 ADVICE = ": --lockstep gives the exact run"
-
-
-def in_real_time(path: Path, late=(), count=1, **given) -> Path:
-    """Record a run in real time; the command in force in some states is ``count`` steps late."""
-    plan = make_plan("fig6", "pid", everywhere={"duration": 1.3}, **given)
-    steps = np.zeros(states_of(plan), np.int64)
-    steps[list(late)] = count
-    record_real_time(plan, path, late_inputs(plan, steps))
-    return path
-
-
-def incomplete(source: Path, path: Path) -> Path:
-    copied(source, path, lambda _: None, ANEW, {"complete": "false", "reason": "the disk is full"})
-    return path
 
 
 def test_an_exact_run_has_no_late_steps(short_run):
@@ -48,47 +28,6 @@ def test_an_exact_run_has_no_late_steps(short_run):
     assert late_steps(run) is None
     assert not doubts_of(run)
     assert doubts_of(run).lines == []
-
-
-def test_a_run_that_kept_time_is_not_marked(tmp_path):
-    run = RecordedRun.open(in_real_time(tmp_path / "a.mcap"))
-    assert late_steps(run) == Late(0, 1300)
-    found = doubts_of(run)
-    assert not found
-    assert found.moved_deg == 0.0
-
-
-@pytest.mark.parametrize(("late", "count"), [((7, 8, 500), 3), ((), 0), ((300,), 1)])
-def test_late_steps_are_counted(tmp_path, late, count):
-    path = in_real_time(tmp_path / "a.mcap", late)
-    assert late_steps(RecordedRun.open(path)) == Late(count, 1300)
-
-
-def test_a_slower_controller_is_not_late(tmp_path):
-    slower = {"settings": ["pid.update_rate=200.0"]}
-    path = in_real_time(tmp_path / "a.mcap", **slower)
-    assert late_steps(RecordedRun.open(path)) == Late(0, 1300)
-    path = in_real_time(tmp_path / "b.mcap", range(100, 109), 9, **slower)
-    assert late_steps(RecordedRun.open(path)) == Late(5, 1300)
-
-
-def test_how_far_the_angle_was_moved(tmp_path, monkeypatch):
-    path = in_real_time(tmp_path / "a.mcap", [7])
-    assert doubts_of(RecordedRun.open(path), twin=False).moved_deg is None
-    lines = doubts_of(RecordedRun.open(path)).lines
-    assert lines == [f"{LATE}; in lock-step the angle differs by up to 0.00194 degrees{ADVICE}"]
-    monkeypatch.setattr(doubts, "LONGEST_TWIN", 10)
-    assert doubts_of(RecordedRun.open(path)).lines == [LATE + ADVICE]
-
-
-@pytest.mark.slow
-def test_a_run_that_departs_from_lockstep_is_marked_even_if_no_command_was_late(tmp_path):
-    run = RecordedRun.open(in_real_time(tmp_path / "a.mcap"))
-    run.parameters["pid"]["gains.p"] *= 0.5
-    found = doubts_of(run)
-    assert found.late == 0
-    assert found.moved_deg > 1.0
-    assert found
 
 
 def fallen(path):
@@ -109,30 +48,6 @@ def test_a_fall_comes_first(tmp_path, trunk):
         assert values["doubts"]["fell"] == 0.0
     told_of = trunk("plot", path, "-o", tmp_path / "a.png")[2]
     assert "FELL: at t = 0 s" in told_of
-
-
-@pytest.mark.slow
-def test_doubtful_runs_are_never_the_best(short_run, tmp_path, trunk):
-    sound = short_run("fig6", "lqr")
-    late = in_real_time(tmp_path / "late.mcap", [7])
-    cut = incomplete(in_real_time(tmp_path / "whole.mcap"), tmp_path / "cut.mcap")
-    down = fallen(tmp_path / "down.mcap")
-    found = json.loads(trunk("compare", "--json", late, sound, cut)[1])
-    assert {name for one in found["metrics"].values() for name in one["best"]} == {sound.stem}
-    found = json.loads(trunk("compare", "--json", late, sound, cut, down)[1])
-    assert {name for one in found["metrics"].values() for name in one["best"]} <= {sound.stem}
-    doubts = [one["doubts"] for one in found["runs"]]
-    assert [one["late"] and one["late"]["steps"] for one in doubts] == [1, None, 0, None]
-    assert [one["complete"] for one in doubts] == [True, True, False, True]
-    assert [one["fell"] for one in doubts] == [None, None, None, 0.0]
-    out = trunk("compare", late, sound, cut, down)[1].splitlines()
-    assert out[0].startswith("NOT RANKED: ")
-    assert [line.split(":")[0] + ":" + line.split(":")[1] for line in out[1:4]] == [
-        "late: LATE",
-        "cut: INCOMPLETE",
-        "down: FELL",
-    ]
-    assert trunk("compare", "--markdown", late, sound)[1].startswith("- **late: LATE: the machine")
 
 
 def test_only_sound_runs_can_be_best():

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.joint_table import JointTable
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import in_force
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs import engine
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording import joint_arrays, writer
+from trunk_msgs_util.recording import writer
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.samples import JointSample
 
+from ...trunk_msgs_util.test.mcap_files import write_mcap
+
+QUANTITIES = ("position", "velocity", "effort")
 TERMS = topics.controller_state("pid")
 
 
@@ -32,9 +36,7 @@ def path(tmp_path_factory):
 
 @pytest.fixture
 def filled(path):
-    run = RecordedRun.open(path)
-    run.fill_tables(readable for _, readable in run.recording.survey())
-    return run
+    return RecordedRun.open(path, whole=True)
 
 
 @pytest.mark.parametrize(
@@ -47,12 +49,14 @@ def filled(path):
         TERMS,
     ],
 )
-def test_tables_filled_in_passing_are_those_read_one_by_one(relative, filled):
-    there, read = filled.table(relative), JointTable(filled.recording, relative)
-    assert (there.names, there.widths) == (read.names, read.widths)
+def test_tables_filled_in_passing_are_those_read_one_by_one(relative, filled, path):
+    there, read = filled.table(relative), RecordedRun.open(path).table(relative)
+    assert there.names == read.names
+    for quantity in QUANTITIES:
+        assert there.width(quantity) == read.width(quantity)
     assert there.stamp_ns.tolist() == read.stamp_ns.tolist() == there.log_time_ns.tolist()
     assert (there.frames, there.frame.tolist()) == (read.frames, read.frame.tolist())
-    for quantity in ("position", "velocity", "effort"):
+    for quantity in QUANTITIES:
         assert there.values(quantity).tobytes() == read.values(quantity).tobytes()
 
 
@@ -69,36 +73,27 @@ def test_windows_of_values_that_were_not_kept(spans, filled, path):
     whole = RecordedRun.open(path).table(TERMS).values("position")
     for first, stop in spans:
         assert table.positions(first, stop).tobytes() == whole[first:stop].tobytes()
-    assert "arrays" not in vars(table)  # nothing has read it whole
+    assert table.again is not None  # nothing has read it whole
 
 
 @pytest.mark.slow
 def test_a_verified_run_is_never_read_whole(path, monkeypatch):
     monkeypatch.setattr(engine, "worth_compiling", lambda *_: True)
-    run = RecordedRun.open(path)
+    run = RecordedRun.open(path, whole=True)
     assert verdict_on(run).exit_code == VERIFIED
-    assert "arrays" not in vars(run.table(TERMS))
+    assert run.table(TERMS).again is not None
 
 
-def test_a_topic_of_several_layouts_is_read_when_it_is_needed(path, monkeypatch):
-    def of_two_layouts(messages):
-        for rows, layout, array in joint_arrays.pieces(messages):
-            yield rows, layout, array
-            yield rows, replace(layout, name=(*layout.name, "other")), array
-
-    monkeypatch.setattr("trunk_msgs_util.recording.columns.pieces", of_two_layouts)
-    run = RecordedRun.open(path)
-    run.fill_tables(readable for _, readable in run.recording.survey())
-    assert not run._tables
-    assert len(run.table(TERMS)) == 301
+def test_terms_of_several_layouts_are_read_when_they_are_needed(tmp_path):
+    samples = [JointSample(k, (f"term{k % 2}",), (float(k),)) for k in range(9)]
+    messages = [("/a/state", s.stamp_ns, layout_of(s).pack(s)) for s in samples]
+    recording = Recording.open(write_mcap(tmp_path / "a.mcap", messages), whole=True)
+    assert not recording.filled()
+    assert recording.joints("/a/state").names == ("term0", "term1")
 
 
-def test_a_survey_knows_the_digests(path):
-    surveyed, alone = RecordedRun.open(path).recording, RecordedRun.open(path).recording
-    for _ in surveyed.survey():
-        pass
-    assert "digested" in vars(surveyed)
-    assert surveyed.digested == alone.digested
+def test_digests_made_while_a_file_is_read_are_those_made_alone(path):
+    assert Recording.open(path, whole=True).digested == Recording.open(path).digested
 
 
 def test_without_a_compiler_a_run_is_judged_all_the_same(path, monkeypatch):
@@ -110,10 +105,8 @@ def test_without_a_compiler_a_run_is_judged_all_the_same(path, monkeypatch):
     assert verdict_on(RecordedRun.open(path)).exit_code == VERIFIED
 
 
-def test_stamps_of_large_tables_are_found_without_a_dictionary(path, monkeypatch):
-    monkeypatch.setattr("trunk_experiments.recorded.joint_table._LARGE", 1)
+def test_rows_are_found_by_stamp(path):
     table = RecordedRun.open(path).table(topics.GROUND_TRUTH)
     assert [table.row(stamp) for stamp in (0, 299_000_000, 300_000_000)] == [0, 299, 300]
     assert [table.row(stamp) for stamp in (-1, 500_000, 301_000_000)] == [None] * 3
-    assert "rows" not in vars(table)
     assert table.rows_of(np.array([2_000_000, 5, 1_000_000])).tolist() == [2, -1, 1]

@@ -6,7 +6,6 @@ import pytest
 from mcap.opcode import Opcode
 
 from trunk_msgs_util.recording import reader as module
-from trunk_msgs_util.recording.columns import read_series
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.samples import JointSample
@@ -28,7 +27,7 @@ def uncompressed(path):
 
 
 def test_columns_hold_every_message(tmp_path):
-    series = read_series(Recording.open(uncompressed(tmp_path / "a.mcap")), WANTED)["/a"]
+    series = Recording.open(uncompressed(tmp_path / "a.mcap")).tables(WANTED)["/a"]
     assert series.column("position", "hip").tolist() == list(range(COUNT))
 
 
@@ -48,7 +47,7 @@ def test_an_index_of_more_messages_than_there_are_is_refused(tmp_path, monkeypat
     assert not glanced.checked
     assert glanced.topics["/a"].count == COUNT
     with pytest.raises(RecordingError, match=r"a\.mcap: /a has 299 messages, 300 were counted"):
-        read_series(glanced, WANTED)
+        glanced.tables(WANTED)
 
 
 def test_a_file_that_has_more_messages_since_it_was_opened_is_refused(tmp_path, monkeypatch):
@@ -59,12 +58,12 @@ def test_a_file_that_has_more_messages_since_it_was_opened_is_refused(tmp_path, 
     recording = Recording.open(path)
     path.write_bytes(whole)
     with pytest.raises(RecordingError, match=r"a\.mcap: /a has 300 messages, 299 were counted"):
-        read_series(recording, WANTED)
+        recording.tables(WANTED)
 
 
 def test_a_short_file_is_read_as_it_was_when_it_was_opened(tmp_path):
     path = uncompressed(tmp_path / "a.mcap")
     recording = Recording.open(path)
-    before = read_series(Recording.open(path), WANTED)["/a"]
+    before = Recording.open(path).tables(WANTED)["/a"]
     path.write_bytes(without_one(path.read_bytes()))
-    assert len(read_series(recording, WANTED)["/a"]) == len(before) == COUNT
+    assert len(recording.tables(WANTED)["/a"]) == len(before) == COUNT

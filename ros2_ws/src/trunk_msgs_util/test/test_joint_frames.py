@@ -7,27 +7,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording import joint_arrays, schemas
-from trunk_msgs_util.recording.columns import ColumnLoader
-from trunk_msgs_util.recording.joint_arrays import JointArrays, concatenate, decode
+from trunk_msgs_util.recording import joint_table
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.joint_table import Filling, JointTable, UnreadableError
+from trunk_msgs_util.recording.limits import LimitError
 from trunk_msgs_util.recording.messages import Messages
 from trunk_msgs_util.samples import JointSample
 
 NAMES = ("hip", "trunk")
 FRAMES = ("pid@boot.1.2", "lqr@boot.3.4", "", "pid@boot.5.6")
-NO_VALUES = np.empty((3, 0))
+OTHERS = (NAMES, ("trunk", "hip"), ("hip",), ("other", "trunk"))
 frames = st.lists(st.sampled_from(FRAMES), min_size=1, max_size=30)
+messages = st.lists(st.tuples(st.sampled_from(FRAMES), st.sampled_from(OTHERS)), min_size=1)
 
 
 def message(k: int, frame: str, names: tuple[str, ...] = NAMES) -> bytes:
-    return layout_of(s := JointSample(k, names, (float(k),) * len(names)), frame).pack(s)
-
-
-def big_endian(k: int, frame: str) -> bytes:
-    m = schemas.deserialize(topics.JOINT_STATE_TYPE, message(k, frame))
-    return bytes(schemas._store().serialize_cdr(m, topics.JOINT_STATE_TYPE, little_endian=False))
+    values = tuple(float(k + place) for place in range(len(names)))
+    return layout_of(s := JointSample(k, names, values), frame).pack(s)
 
 
 def joined(parts: list[bytes]) -> Messages:
@@ -36,97 +32,67 @@ def joined(parts: list[bytes]) -> Messages:
     return Messages(b"".join(parts), np.arange(len(parts)) + 7, start, end)
 
 
-def frames_of(arrays: JointArrays | ColumnLoader) -> list[str]:
-    return [arrays.frames[place] for place in arrays.frame.tolist()]
+def frames_of(table: JointTable) -> list[str]:
+    return [table.frames[place] for place in table.frame.tolist()]
 
 
-def loaded(drawn: list[str], block: int, values: bool = True) -> ColumnLoader:
-    loader = ColumnLoader(len(drawn), values)
-    parts = [message(k, frame) for k, frame in enumerate(drawn)]
+def filled(parts: list[bytes], block: int = 1000, only=None) -> JointTable:
+    filling = Filling(only)
     for first in range(0, len(parts), block):
-        loader.take(joined(parts[first : first + block]))
-    return loader
+        filling.take(joined(parts[first : first + block]))
+    return filling.table("", "")
 
 
-@given(frames)
-def test_each_message_has_its_frame(drawn):
-    arrays = decode(joined([message(k, frame) for k, frame in enumerate(drawn)]))
-    assert frames_of(arrays) == drawn
-    assert arrays.stamp_ns.tolist() == list(range(len(drawn)))
-    assert sorted(arrays.frames) == sorted(set(drawn))
+@given(messages, st.integers(1, 7))
+def test_each_message_has_its_frame_and_its_values(drawn, block):
+    table = filled([message(k, *one) for k, one in enumerate(drawn)], block)
+    assert frames_of(table) == [frame for frame, _ in drawn]
+    assert sorted(table.frames) == sorted({frame for frame, _ in drawn})
+    assert table.stamp_ns.tolist() == list(range(len(drawn)))
+    assert table.names == tuple(dict.fromkeys(name for _, names in drawn for name in names))
+    for name in table.names:
+        expected = [
+            k + names.index(name) if name in names else np.nan for k, (_, names) in enumerate(drawn)
+        ]
+        assert np.array_equal(table.column("position", name), expected, equal_nan=True)
+
+
+@given(messages, st.integers(1, 7), st.sampled_from(NAMES))
+def test_one_column_is_that_of_all(drawn, block, name):
+    parts = [message(k, *one) for k, one in enumerate(drawn)]
+    alone, every = filled(parts, block, [("position", name)]), filled(parts, block)
+    assert set(alone.names) <= {name}
+    assert alone.column("position", name).tobytes() == every.column("position", name).tobytes()
+    assert frames_of(alone) == frames_of(every)
 
 
 @given(frames, st.data())
 def test_rows_keep_their_frames(drawn, data):
-    arrays = decode(joined([message(k // 2, frame) for k, frame in enumerate(drawn)]))
+    table = filled([message(k // 2, frame) for k, frame in enumerate(drawn)])
     rows = data.draw(st.lists(st.integers(0, len(drawn) - 1)))
-    assert frames_of(arrays.rows(np.array(rows, np.int64))) == [drawn[row] for row in rows]
-    assert frames_of(arrays.by_stamp()) == drawn[::2]
-
-
-@given(st.lists(frames, max_size=4))
-def test_parts_keep_their_frames(drawn):
-    parts = [decode(joined([message(k, f) for k, f in enumerate(part)])) for part in drawn]
-    assert frames_of(concatenate(parts)) == [frame for part in drawn for frame in part]
-
-
-def test_a_big_endian_message_has_its_frame():
-    arrays = decode(joined([message(0, "a@1"), big_endian(1, "b@2"), big_endian(2, "a@1")]))
-    assert frames_of(arrays) == ["a@1", "b@2", "a@1"]
-    with pytest.raises(ValueError, match="not a little-endian"):
-        decode(joined([message(0, ""), big_endian(1, "x" * 1025)]))
+    assert frames_of(table.rows(np.array(rows, np.int64))) == [drawn[row] for row in rows]
+    assert frames_of(table.by_stamp()) == drawn[::2]
 
 
 def test_one_frame_takes_no_memory():
-    stamps = np.arange(3)
-    for arrays in (
-        JointArrays(NAMES, stamps, stamps, NO_VALUES, NO_VALUES, NO_VALUES),
-        decode(joined([message(k, "pid@1") for k in range(3)])),
-        loaded(["pid@1"] * 3, 2).arrays(stamps, stamps),
-    ):
-        assert arrays is not None
-        assert arrays.frame.strides == (0,)
-        assert len(arrays.frames) == 1
-        assert frames_of(arrays) == frames_of(arrays.rows(np.array([2, 0, 1])))
-    assert frames_of(concatenate([])) == []
+    table = filled([message(k, "pid@1") for k in range(3)])
+    assert table.frame.strides == (0,)
+    assert len(table.frames) == 1
+    assert frames_of(table) == frames_of(table.rows(np.array([2, 0, 1])))
+    assert frames_of(filled([])) == []
 
 
-@given(frames, st.integers(1, 7), st.booleans())
-def test_a_topic_filled_in_passing_has_its_frames(drawn, block, values):
-    loader = loaded(drawn, block, values)
-    assert loader.whole
-    assert frames_of(loader) == drawn
-    arrays = loader.arrays(*loader.times(None))
-    assert (arrays is not None) == values
-    if arrays is not None:
-        whole = decode(joined([message(k, frame) for k, frame in enumerate(drawn)]))
-        assert frames_of(arrays) == drawn
-        assert arrays.position.tobytes() == whole.position.tobytes()
-        assert arrays.stamp_ns.tolist() == whole.stamp_ns.tolist()
+@pytest.mark.parametrize("row", [0, 1, 2])
+def test_a_message_of_another_byte_order_is_named(row):
+    parts = [message(k, "a@1") for k in range(3)]
+    parts[row] = b"\0\0" + parts[row][2:]
+    with pytest.raises(UnreadableError, match="not a little-endian") as caught:
+        filled(parts)
+    assert caught.value.row == row
 
 
-@pytest.mark.parametrize(
-    "other", [message(2, "b@2", ("trunk", "hip")), message(2, "b@2", ("hip",))]
-)
-def test_other_names_are_not_filled_in_passing(other):
-    loader = ColumnLoader(3, values=True)
-    loader.take(joined([message(0, "a@1"), message(1, "b@2"), other]))
-    assert not loader.whole
-
-
-def test_another_byte_order_makes_no_difference():
-    little = [message(0, "a@1"), message(1, "b@2")]
-    loaders = [ColumnLoader(3, values=True) for _ in range(2)]
-    loaders[0].take(joined([*little, message(2, "a@1")]))
-    loaders[1].take(joined([*little, big_endian(2, "a@1")]))
-    assert loaders[1].whole
-    assert frames_of(loaders[0]) == frames_of(loaders[1])
-    columns = [loader.arrays(*loader.times(None)) for loader in loaders]
-    assert columns[0].position.tobytes() == columns[1].position.tobytes()
-    assert columns[0].stamp_ns.tolist() == columns[1].stamp_ns.tolist()
-
-
-def test_a_topic_of_too_many_frames_is_not_filled_in_passing(monkeypatch):
-    monkeypatch.setattr(joint_arrays, "MAX_LAYOUTS", 3)
-    assert loaded(["a", "b", "c"] * 2, 6).whole
-    assert not loaded(["a", "b", "c", "d"], 4).whole
+def test_a_block_of_too_many_layouts_is_refused(monkeypatch):
+    monkeypatch.setattr(joint_table, "MAX_LAYOUTS", 3)
+    assert len(filled([message(k, frame) for k, frame in enumerate("abc" * 2)])) == 6
+    with pytest.raises(LimitError, match="more than 3 layouts"):
+        filled([message(k, frame) for k, frame in enumerate("abcd")])

@@ -37,31 +37,14 @@ def logged(bad):
 )
 @pytest.mark.parametrize("log_time", [2**63, 2**63 + 1, 2**64 - 1])
 @pytest.mark.parametrize("rows", [[0], [41], [COUNT - 1], [0, 1, 2, 50], range(0, COUNT, 2)])
-def test_a_log_time_that_cannot_be_costs_its_message(tmp_path, options, log_time, rows):
+def test_a_topic_with_a_log_time_that_cannot_be_is_not_read(tmp_path, options, log_time, rows):
     path = written(tmp_path / "a.mcap", logged(dict.fromkeys(rows, log_time)), **options)
     run = Recording.open(path)
-    kept = [k for k in range(COUNT) if k not in rows]
-    assert run.joints("/a").stamp_ns.tolist() == [k * MS for k in kept]
-    unreadable = run.topics["/a"].unreadable
-    assert (unreadable.count, unreadable.first[0].describe()) == (
-        len(rows),
-        f"message {min(rows)}: {BAD}",
-    )
-    assert len(run.warnings) == 2
-    assert run.damage == []
-    recovery = recover(path, tmp_path / "b.mcap")
-    assert recovery.count == len(kept)
-    assert all("beyond the year 2262" in line for line in recovery.lost)
-    assert Recording.open(tmp_path / "b.mcap").joints("/a").stamp_ns.tolist() == [
-        k * MS for k in kept
-    ]
-
-
-def test_a_topic_without_a_possible_log_time_has_no_messages(tmp_path):
-    run = Recording.open(written(tmp_path / "a.mcap", [2**63] * COUNT))
-    topic = run.topics["/a"]
-    assert (topic.count, topic.readable, topic.first_stamp_ns) == (COUNT, 0, None)
-    assert not len(run.joints("/a"))
+    refusal = f"/a is not read: message {min(rows)}: {BAD}"
+    assert run.warnings[1:] == [refusal]
+    assert (run.topics["/a"].count, run.topics["/a"].readable, run.damage) == (COUNT, 0, [])
+    with pytest.raises(RecordingError, match=refusal):
+        run.joints("/a")
 
 
 def seen(run):
@@ -120,3 +103,22 @@ def test_an_encoding_that_is_not_read_is_named(tmp_path, encoding):
     assert seen(run) == (0, 10 * MS, MS, 11)
     with pytest.raises(RecordingError, match=f"encoded as {encoding}, only cdr is read"):
         run.joints("/a")
+
+
+@pytest.mark.parametrize("rows", [[41], range(COUNT)])
+def test_recover_logs_messages_at_their_stamps_where_their_log_times_cannot_be(tmp_path, rows):
+    path = written(tmp_path / "a.mcap", logged(dict.fromkeys(rows, 2**63)))
+    recovery = recover(path, tmp_path / "b.mcap")
+    assert (recovery.count, recovery.lost) == (COUNT, [])
+    table = Recording.open(tmp_path / "b.mcap").joints("/a")
+    assert table.log_time_ns.tolist() == table.stamp_ns.tolist() == [k * MS for k in range(COUNT)]
+
+
+def test_recover_leaves_out_what_cannot_be_read(tmp_path):
+    samples = [JointSample(k * MS, ("hip",), (float(k),)) for k in range(5)]
+    messages = [("/a", s.stamp_ns, layout_of(s).pack(s)) for s in samples]
+    messages[3] = ("/a", 3 * MS, b"\0\1\0\0")
+    recovery = recover(write_mcap(tmp_path / "a.mcap", messages), tmp_path / "b.mcap")
+    (lost,) = recovery.lost
+    assert lost.startswith("a message on /a in the record at byte ")
+    assert Recording.open(tmp_path / "b.mcap").joints("/a").position[:, 0].tolist() == [0, 1, 2, 4]

@@ -8,7 +8,7 @@ import lz4.frame
 import pytest
 import zstandard
 
-from trunk_msgs_util.recording.chunk import MAX_CHUNK, chunk_records
+from trunk_msgs_util.recording.content import MAX_CHUNK, chunk_records
 
 from .mcap_files import chunk, zstd_frame_that_claims
 

@@ -31,9 +31,10 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from trunk_msgs_util.recording.mcap_file import ERROR
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.recover import recover
-from trunk_msgs_util.recording.structure import ERROR, structure
+from trunk_msgs_util.recording.summary import structure
 
 from .mcap_files import HEAD, MAGIC, finish, raw, record
 
@@ -154,6 +155,12 @@ def test_they_are_the_published_files_byte_for_byte():
     assert digest.hexdigest() == "aa1fe3fa6fe1e1f07c382ad19b37c3c8d12904a4944cb1801f424d7e31a2fde2"
 
 
+def opened(path):
+    """Return the one file of a recording."""
+    (file,) = Recording.open(path).opened
+    return file
+
+
 @pytest.mark.parametrize("name", CONTENTS)
 def test_no_conformance_file_is_accused(tmp_path, name):
     path = tmp_path / "a.mcap"
@@ -161,7 +168,7 @@ def test_no_conformance_file_is_accused(tmp_path, name):
         if content != name:
             continue
         path.write_bytes(made(CONTENTS[name], features))
-        accused = [finding for finding in structure(path) if finding.severity == ERROR]
+        accused = [finding for finding in structure(opened(path)) if finding.severity == ERROR]
         recording = Recording.open(path)
         label = "-".join([name, *sorted(features)])
         assert (accused, recording.damage, recording.seen_otherwise) == ([], [], []), label

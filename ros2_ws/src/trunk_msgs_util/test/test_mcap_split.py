@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_msgs_util.recording import split as module
+from trunk_msgs_util.recording import content as module
+from trunk_msgs_util.recording.content import record_offsets, split
 from trunk_msgs_util.recording.messages import HEAD, MessageHead
-from trunk_msgs_util.recording.split import record_offsets, split
 
 LENGTH = struct.Struct("<Q")
 
@@ -98,7 +98,7 @@ def test_regular_records_are_nearly_free(monkeypatch):
             read.append(at)
             return LENGTH.unpack_from(data, at)
 
-    monkeypatch.setattr(module, "_LENGTH", Counting())
+    monkeypatch.setattr(module, "_LONG", Counting())
     data = b"".join(message(c, k, b"x" * 100 * c) for k in range(20_000) for c in (1, 2, 3))
     offsets, end = record_offsets(data)
     assert (len(offsets), end) == (60_000, len(data))

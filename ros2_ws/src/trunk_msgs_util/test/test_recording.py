@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording import schemas
-from trunk_msgs_util.recording.columns import joint_names, read_series
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.writer import RecordingWriter
@@ -100,20 +99,6 @@ def test_changing_layouts_are_joined_by_name(tmp_path):
     np.testing.assert_array_equal(joints.effort, [[nan] * 3, [nan] * 3, [nan, 11, 12]])
 
 
-def test_big_endian_messages_are_read(tmp_path):
-    def encode(sample):
-        little = schemas.deserialize(topics.JOINT_STATE_TYPE, layout_of(sample).pack(sample))
-        store = schemas._store()
-        return bytes(store.serialize_cdr(little, topics.JOINT_STATE_TYPE, little_endian=False))
-
-    stamp_ns = 3_000_000_007
-    samples = [JointSample(stamp_ns + k, ("a", "b"), (k, -k)) for k in range(3)]
-    joints = write_joints(tmp_path / "a.mcap", samples, encode)
-    assert joints.stamp_ns.tolist() == [stamp_ns, stamp_ns + 1, stamp_ns + 2]
-    assert joints.position.tolist() == [[0, 0], [1, -1], [2, -2]]
-    assert Recording.open(tmp_path / "a.mcap").topics[TRUTH].first_stamp_ns == stamp_ns
-
-
 def two_joints(k, names=("a", "b"), count=2):
     sample = JointSample(k * 10**9, names, (1.0 * k,) * count)
     return layout_of(sample).pack(sample)
@@ -123,7 +108,7 @@ def two_joints(k, names=("a", "b"), count=2):
     ("odd", "why"),
     [
         (b"\x00\x01\x00\x00garbage", "ends before"),
-        (b"", "not a sensor_msgs/msg/JointState"),
+        (b"", "not a little-endian CDR message"),
         (two_joints(7, count=3), "3 values of position for 2 names"),
         (two_joints(7, names=("a", "a")), "a name appears twice"),
         (two_joints(7, names=("a", "b" * 1025)), "1025 bytes, at most 1024 are read"),
@@ -134,7 +119,7 @@ def two_joints(k, names=("a", "b"), count=2):
     ],
     ids=["garbage", "nothing", "three values", "one name", "a long name", "many names"],
 )
-def test_a_bad_message_is_named_and_the_others_are_read(tmp_path, odd, why):
+def test_a_topic_with_a_bad_message_is_named_and_not_read(tmp_path, odd, why):
     messages = [two_joints(k) for k in range(5)]
     messages[3] = odd
     path = tmp_path / "a.mcap"
@@ -146,17 +131,17 @@ def test_a_bad_message_is_named_and_the_others_are_read(tmp_path, odd, why):
                 writer.flush()
     recording = Recording.open(path)
     (warning,) = recording.warnings
-    told = f"{TRUTH}: 1 of 5 messages cannot be read (message 3, logged at 3.000000000 s: "
-    assert warning.startswith(told)
+    assert warning.startswith(f"{TRUTH} is not read: message 3, logged at 3.000000000 s: ")
     assert why in warning
-    assert recording.joints(TRUTH).position[:, 0].tolist() == [0.0, 1.0, 2.0, 4.0]
-    series = read_series(recording, {TRUTH: [("position", "b")]})[TRUTH]
-    assert series.column("position", "b").tolist() == [0.0, 1.0, 2.0, 4.0]
-    assert (recording.topics[TRUTH].count, recording.topics[TRUTH].readable) == (5, 4)
+    with pytest.raises(RecordingError, match="is not read: message 3"):
+        recording.joints(TRUTH)
+    with pytest.raises(RecordingError, match="is not read: message 3"):
+        recording.tables({TRUTH: [("position", "b")]})
+    assert (recording.topics[TRUTH].count, recording.topics[TRUTH].readable) == (5, 0)
     assert recording.alterations() == []  # the recorder's digests are of all messages
 
 
-def test_bad_events_and_parameters_are_named_and_the_others_are_read(tmp_path):
+def test_bad_events_and_parameters_are_named_and_not_read(tmp_path):
     empty = schemas.build(
         topics.DIAGNOSTIC_ARRAY_TYPE,
         header=schemas.build(
@@ -176,15 +161,11 @@ def test_bad_events_and_parameters_are_named_and_the_others_are_read(tmp_path):
             writer.write(given, 3 + k, 0, b"\x00\x01\x00\x00\xff")
         writer.write(given, 7, 0, schemas.parameter_event(0, "/pid", {"kp": 1.0}, {}))
     recording = Recording.open(path)
-    assert [event.message for event in recording.events()] == ["reset"]
-    assert recording.parameters() == {"/pid": {"kp": 1.0}}
-    one, four = recording.warnings
-    assert one == (
-        "/run/events: 1 of 2 messages cannot be read "
-        "(message 1, logged at 0.000000002 s: a DiagnosticArray without a status)"
-    )
-    assert four.startswith("/run/parameters: 4 of 5 messages cannot be read (the first 3 of them: ")
-    assert four.count("message ") == 3
+    assert (recording.events(), recording.parameters()) == ([], {})
+    one, other = recording.warnings
+    why = "message 1, logged at 0.000000002 s: a DiagnosticArray without a status"
+    assert one == f"/run/events is not read: {why}"
+    assert other.startswith("/run/parameters is not read: message 0, logged at 0.000000003 s: ")
 
 
 def test_a_topic_of_another_type_is_a_recording_error(tmp_path):
@@ -194,8 +175,8 @@ def test_a_topic_of_another_type_is_a_recording_error(tmp_path):
     recording = Recording.open(path)
     for read in (
         lambda: recording.joints(TRUTH),
-        lambda: read_series(recording, {TRUTH: []}),
-        lambda: joint_names(recording, TRUTH),
+        lambda: recording.tables({TRUTH: []}),
+        lambda: recording.joint_names(TRUTH),
     ):
         with pytest.raises(RecordingError, match=r"a\.mcap: /ground_truth.* its type is std_msgs"):
             read()

@@ -7,8 +7,8 @@ from mcap.opcode import Opcode
 from mcap.writer import IndexType
 
 from trunk_msgs_util.recording import reader as module
-from trunk_msgs_util.recording.file import RecordingFile
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.mcap_file import McapFile
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.summary import open_by_summary
 from trunk_msgs_util.samples import JointSample
@@ -28,7 +28,7 @@ def messages(steps=300):
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_a_glance_agrees_with_a_scan(tmp_path, compression, monkeypatch):
     path = write_mcap(tmp_path / "a.mcap", messages(), compression=compression)
-    monkeypatch.setattr(RecordingFile, "scan", None)  # would raise
+    monkeypatch.setattr(McapFile, "scan", None)  # would raise
     monkeypatch.setattr(module, "_BY_SUMMARY", 0)
     seen = Recording.open_by_summary(path)
     monkeypatch.undo()
