@@ -177,9 +177,7 @@ def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
 
 def _plain(declaration: Declaration, value: object) -> str:
     """Return, for a number with a unit, why it is refused: ROS 2 has no units."""
-    if not declaration.kind.startswith("double") or not isinstance(value, str):
-        return ""
-    if not looks_like_quantity(value):
+    if not declaration.kind.startswith("double") or not looks_like_quantity(value):
         return ""
     return f"; only trunk reads units: give a plain number{' in ' * bool(declaration.unit)}{declaration.unit}"
 
@@ -374,14 +372,12 @@ class UnitError(TrunkError):
     """A number with a unit that cannot be used: what is wrong, and what is allowed."""
 
 
-def looks_like_quantity(text: str) -> bool:
+def looks_like_quantity(value: object) -> bool:
     """Return True for a text that begins with a number and is not one by itself."""
-    return QUANTITY.match(text) is not None and not _is_plain(text)
-
-
-def _is_plain(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
+    if not isinstance(value, str) or not QUANTITY.match(value):
         return False
-    return True
+    try:
+        float(value)
+    except ValueError:
+        return True
+    return False
