@@ -22,8 +22,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
-from ..parameters.csv_parameters import ONLY_PLANNED, only_planned
 from ..parameters.declarations import (
+    ONLY_PLANNED,
     Declaration,
     ParameterError,
     Value,
@@ -32,6 +32,7 @@ from ..parameters.declarations import (
     declarations,
     is_qos_override,
     of_every_node,
+    only_planned,
     table_of,
     unknown_name,
     values_of,
