@@ -120,29 +120,20 @@ def meant(declaration: Declaration, value: object, present: Value) -> object:
     type is the present text if YAML reads that text so. Everything else is returned as it is, to be
     checked or refused as it was sent.
     """
-    if declaration.kind == "double" and isinstance(value, str):
+    if declaration.kind == "double":
         return _number(value)
     if declaration.kind == "double array":
-        return _numbers(value)
+        text = re.fullmatch(r"\[(.*)\]", value) if isinstance(value, str) else None
+        items = text[1].split(",") if text else value if isinstance(value, list) else []
+        numbers = [_number(item) for item in items]
+        return value if any(isinstance(number, str) for number in numbers) else numbers or value
     if declaration.kind == "string" and isinstance(value, bool | int | float):
         return present if _reads_as(present, value) else value
     return value
 
 
 def _number(item: object) -> object:
-    if isinstance(item, str) and _NUMBER.fullmatch(item):
-        return float(item)
-    return item
-
-
-def _numbers(value: object) -> object:
-    if isinstance(value, str) and value.startswith("[") and value.endswith("]"):
-        items = [_number(item.strip()) for item in value[1:-1].split(",")]
-    elif isinstance(value, list):
-        items = [_number(item) for item in value]
-    else:
-        return value
-    return value if any(isinstance(item, str) for item in items) else items
+    return float(item) if isinstance(item, str) and _NUMBER.fullmatch(item.strip()) else item
 
 
 def _reads_as(text: Value, value: object) -> bool:
