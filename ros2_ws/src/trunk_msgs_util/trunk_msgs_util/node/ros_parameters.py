@@ -114,8 +114,8 @@ class NodeParameters(Generic[Config]):
         self._declared = declarations(config_class)
         self._on_change = on_change
         self._barred = barred
-        # The only place where rclpy keeps overrides that nothing declares.
-        self._overrides: Mapping[str, object] = getattr(node, "_parameter_overrides", {})
+        # The only place where rclpy keeps overrides of any type, and those that nothing declares.
+        self._overrides: Mapping[str, object] = node._parameter_overrides
         self.config = build(config_class, self._take_overrides())
         for name, value in values_of(self.config).items():
             self._declare(self._declared[name], value)
@@ -127,24 +127,20 @@ class NodeParameters(Generic[Config]):
     def _take_overrides(self) -> dict[str, object]:
         """Return the values from files and the command line, of any type."""
         given: dict[str, object] = {}
-        for name, declaration in self._declared.items():
-            untyped = self._node.declare_parameter(
-                name, descriptor=ParameterDescriptor(dynamic_typing=True)
-            )
-            self._node.undeclare_parameter(name)
-            if untyped.value is not None:
-                given[name] = untyped.value
-            elif name in self._overrides and declaration.kind.endswith("array"):
-                given[name] = ()  # YAML's [] has no type in ROS 2 and arrives as "not set"
-        for name, value in self._overrides.items():
+        for name, override in self._overrides.items():
+            value = getattr(override, "value", override)
             if only_planned(self._class, name):
-                raise ParameterError(name, getattr(value, "value", value), ONLY_PLANNED)
+                raise ParameterError(name, value, ONLY_PLANNED)
             if table_of(name, self._declared):
-                given[name] = getattr(value, "value", value)
-                continue
+                given[name] = value
+            elif name in self._declared:
+                if value is not None:
+                    given[name] = value
+                elif self._declared[name].kind.endswith("array"):
+                    given[name] = ()  # YAML's [] has no type in ROS 2 and arrives as "not set"
             # Files for several nodes contain, under "/**", many parameters that a node does not have; a
             # near miss is more likely a typo.
-            if name not in self._declared and not of_every_node(name):
+            elif not of_every_node(name):
                 close = get_close_matches(name, list(self._declared), n=1, cutoff=0.85)
                 if close:
                     self._node.get_logger().warning(
