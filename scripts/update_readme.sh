@@ -4,5 +4,5 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null
 source scripts/env.sh
-python -m trunk_experiments.readme docs/topics.md docs/parameter_tables.md docs/recording.md docs/api.md
+python -m trunk_experiments.readme docs/parameter_tables.md docs/api.md
 python -m tests.faults.matrix docs/faults.md

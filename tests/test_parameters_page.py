@@ -58,7 +58,7 @@ def test_the_parameter_file_is_accepted():
 def test_the_mistake_reads_as_printed():
     Path("lean.csv").write_text(Path("lean.csv").read_text().replace("\n3,20", "\n3,0\n2.5,20"))
     (printed,) = re.findall(r"    trunk: error: (.*)", SERIES)
-    settings = ["pid.reference.profile=file", "pid.reference.file=lean.csv"]
+    settings = ["pid.reference.profile=interpolated", "pid.reference.file=lean.csv"]
     with pytest.raises(ParameterFileError) as caught:
         make_plan("demo", "pid", settings=settings)
     assert str(caught.value) == printed

@@ -11,6 +11,7 @@ import pytest
 from trunk_experiments.analysis.metrics import QUANTITIES
 from trunk_experiments.readme import refreshed
 from trunk_experiments.templates import controller_package
+from trunk_msgs_util import topics
 
 from .finished import finished
 from .graph.conftest import domain, domains
@@ -19,7 +20,7 @@ __all__ = ["domain", "domains"]
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
-TABLES = {"topics": 1, "parameter_tables": 2, "recording": 1, "api": 1}  # generated parts of each
+TABLES = {"parameter_tables": 2, "api": 1}  # generated parts of each
 PAGES = [README, *sorted(ROOT.glob("docs/*.md")), ROOT / "docker" / "README.md"]
 OTHERS = [ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")]
 LINK = re.compile(r"\]\(([^)\s]+)\)")
@@ -41,6 +42,19 @@ def test_a_stale_table_is_noticed():
     stale = text.replace("Mass M of the hip", "Mass of the hip")
     assert stale != text
     assert refreshed(stale) == text
+
+
+def test_the_page_lists_each_topic():
+    listed = dict(re.findall(r"^\| `(\S+)` \| (\S+) \|", text_of(ROOT / "docs/topics.md"), re.M))
+    others = {"CONTROLLER/reference", "CONTROLLER/state", "/clock", "/diagnostics"}
+    assert listed.keys() == others | {
+        value.replace("~", "CONTROLLER")
+        for name, value in vars(topics).items()
+        if name.isupper() and isinstance(value, str) and not name.endswith(("_TYPE", "_NODE"))
+        if value not in (topics.EXTERNAL, topics.REAL_TIME, *topics.PICTURES)
+    }
+    for name, kind in topics.evidence_types(("CONTROLLER",), topics.REAL_TIME).items():
+        assert listed[name] == kind.replace("/msg/", "/")
 
 
 def test_parameters_of_all_controllers_are_listed_once():

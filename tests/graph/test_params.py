@@ -229,14 +229,13 @@ def test_a_running_node_gets_the_numbers_of_a_csv_file(
 ) -> None:
     (tmp_path / "ref.csv").write_text("t [ms],reference\n0,0.5\n100,0.25\n")
     (tmp_path / "mine.yaml").write_text(
-        "pid:\n  ros__parameters:\n"
-        "    reference: {profile: file, file: ref.csv, interpolation: hold}\n"
+        "pid:\n  ros__parameters:\n    reference: {profile: sequence, file: ref.csv}\n"
     )
     pid = children.node("pid")
     peer.until_up("pid")
     names = ("reference.profile", "reference.times", "reference.values")
     numbers = [[0.0, 0.1], [0.5, 0.25]]
-    said = params("set", "pid", "reference.profile=file", "reference.file=ref.csv")
+    said = params("set", "pid", "reference.profile=interpolated", "reference.file=ref.csv")
     assert said[::2] == (0, [])
     found = Services(peer, "pid").get(*names)
     assert [found[0], *map(list, found[1:])] == ["interpolated", *numbers]
@@ -244,7 +243,9 @@ def test_a_running_node_gets_the_numbers_of_a_csv_file(
         0,
         ["reference.profile: interpolated -> sequence"],
     )
-    code, said, (line,) = params("set", "pid", "reference.file=none.csv", "reference.profile=file")
+    code, said, (line,) = params(
+        "set", "pid", "reference.file=none.csv", "reference.profile=interpolated"
+    )
     assert (code, said) == (2, [])
     assert "reference.file: none.csv: no such file" in line
     assert "only trunk reads files" in Services(peer, "pid").set(reference__file="ref.csv").reason

@@ -28,12 +28,14 @@ from trunk_experiments.cli import OVERVIEW, trunk
 from trunk_experiments.console.document import schemas
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.views.markers import MarkersConfig
-from trunk_msgs_util import errors, topics
+from trunk_msgs_util import errors
 from trunk_msgs_util.parameters.declarations import declarations
 
 PLACE = Path(__file__).with_name("inventory.txt")
 PACKAGES = ("trunk_sim", "trunk_control", "trunk_msgs_util", "trunk_experiments")
-SOURCES = Path(__file__).parents[2] / "ros2_ws/src"
+ROOT = Path(__file__).parents[2]
+SOURCES = ROOT / "ros2_ws/src"
+TOPIC = re.compile(r"^\| `(\S+)` \| (\S+) \| (.+?) \|", re.MULTILINE)
 SERVICE = re.compile(r'create_service\((\w+), "([^"]+)"')
 
 
@@ -52,8 +54,10 @@ def lines() -> Iterator[str]:
     }.items():
         for declared in declarations(config).values():
             yield f"parameter {node}: {declared}"
-    for row in topics.DESCRIPTIONS:
-        yield f"topic {': '.join(map(str, row[:3]))}"
+    for name, kind, publisher in TOPIC.findall(
+        (ROOT / "docs/topics.md").read_text(encoding="utf-8")
+    ):
+        yield f"topic {name}: {kind.replace('/', '/msg/')}: {publisher}"
     for path in sorted(SOURCES.glob("*/*/**/*_node.py")):
         for kind, name in SERVICE.findall(path.read_text(encoding="utf-8")):
             yield f"service {path.stem}: {name} ({kind})"

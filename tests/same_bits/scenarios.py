@@ -65,7 +65,7 @@ _GAIT = (
     "computed_torque.model.path_sines=[-0.003, 2cm]",
 )
 _FILES = (
-    "pid.reference.profile=file",
+    "pid.reference.profile=interpolated",
     f"pid.reference.file={_HERE / 'ref.csv'}",
     f"disturbance.table.file={_HERE / 'push.csv'}",
     "disturbance.pulse.start_times=[0.05]",
@@ -130,7 +130,7 @@ SCENARIOS = {
     "files and random pulses": Scenario("demo", "pid", 0.5, _FILES),
     "held tables": Scenario(
         *("demo", "pid", 0.5),
-        (*_FILES, "disturbance.table.interpolation=hold", "pid.reference.interpolation=hold"),
+        (*_FILES, "disturbance.table.interpolation=hold", "pid.reference.profile=sequence"),
     ),
     "a gait": Scenario("fig6", "computed_torque", 0.4, _GAIT),
     "a drive": Scenario("demo", "fuzzy_pid", 1.5, _DRIVE),

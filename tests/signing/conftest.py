@@ -1,11 +1,10 @@
 from __future__ import annotations
 
 import pytest
+from ros2_ws.src.trunk_experiments.test.keys import ALICE, MALLORY, write_key
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
-
-from .keys import ALICE, MALLORY, write_key
 
 
 @pytest.fixture(scope="session")

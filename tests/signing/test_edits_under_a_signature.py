@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import pytest
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
+from ros2_ws.src.trunk_experiments.test.keys import ALICE, MALLORY, WHO, refused
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
     ANEW,
     content,
@@ -20,20 +20,17 @@ from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
 )
 
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.replay.signing import sign
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.digests import ATTACHMENTS, DIGESTS
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.signing import sign, to_text
 from trunk_msgs_util.recording.writer import END, PROVENANCE
-
-from .keys import ALICE, MALLORY, WHO, refused
 
 
 def test_another_signature_under_the_right_keys_name_is_refused(signed, trunk):
     sidecar = signed.parent / "run.mcap.sig"
-    forged = json.loads(to_text(sign(Recording.open(signed).digested, MALLORY)))
-    genuine = json.loads(sidecar.read_text())
-    sidecar.write_text(json.dumps({**genuine, "signature": forged["signature"]}))
+    forged = sign(Recording.open(signed).digested, MALLORY).split()[-1]
+    sidecar.write_text(f"{sidecar.read_text().rpartition(' ')[0]} {forged}\n")
     refused(trunk, "the content is not what it signed", "diverges")
 
 
@@ -123,7 +120,7 @@ def test_what_no_digest_covers_is_neither_verified_nor_signed(signed, original, 
     found.attachments.append(("notes.txt", b"first"))
     recording = write(found, signed, ANEW)
     assert recording.digests[ATTACHMENTS] == "1"
-    (signed.parent / "run.mcap.sig").write_text(to_text(sign(recording.digested, ALICE)))
+    (signed.parent / "run.mcap.sig").write_text(sign(recording.digested, ALICE))
     refused(trunk, "run.mcap.sig cannot cover the attachments' content")
     assert trunk("verify", "run.mcap")[0] == 2
     code, _, err = trunk("sign", "run.mcap", "--key", "alice", "--force", "--unverified")

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import Content
+from ros2_ws.src.trunk_msgs_util.test.test_events import CARRIES
 
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import build, event, parse_event
@@ -142,7 +143,7 @@ def _added(found: Content) -> Iterator[Edit]:
 
     def add(node: str, word: Event, row: int, found: Content) -> None:
         stamp_ns = stamps[row]
-        carried = {key: {**values, "kind": node}[key] for key in word.carries}
+        carried = {key: {**values, "kind": node}[key] for key in CARRIES[word]}
         data = event(stamp_ns, f"/{node}", word, carried)
         truth = found.of(TRUTH)[row]
         where = next(i for i, m in enumerate(found.messages) if m is truth)

@@ -34,7 +34,6 @@ setup(
     ],
     # For wheels (docs/release.md): what the locks pin lies within these bounds. ROS 2 comes by package.xml.
     install_requires=[
-        "cryptography[ssh]>=42",
         "lz4>=4.0",
         "mcap>=1.1,<2",
         "numba>=0.61,<1",

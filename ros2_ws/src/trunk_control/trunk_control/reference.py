@@ -12,14 +12,14 @@ from typing import ClassVar, NamedTuple
 
 from trunk_msgs_util.elementary import sine_wave
 from trunk_msgs_util.parameters.config import ManagedConfig
-from trunk_msgs_util.parameters.csv_parameters import (
-    FILE,
-    ONLY_PLANNED,
+from trunk_msgs_util.parameters.declarations import (
+    MOST_ROWS,
+    ParameterError,
     TableFile,
     check_rows,
+    parameter,
     times_parameter,
 )
-from trunk_msgs_util.parameters.declarations import Declaration, ParameterError, parameter
 from trunk_msgs_util.units import held, interpolated, nanoseconds, period_ns
 
 PROFILES = ("constant", "step", "sine", "sequence", "interpolated")
@@ -65,36 +65,15 @@ def reference_at(t_ns: int, p: ReferenceProfile) -> float:
 
 
 REFERENCE_PROFILES = (*PROFILES, "topic")  # in the order of their kinds
-# The keys that name a reference's CSV file; only plans read these keys.
-REFERENCE_FILE = TableFile(
-    Declaration(
-        "reference.file",
-        "",
-        "string",
-        "",
-        "CSV with the columns t and reference, for the profile file; a plan holds the numbers",
-    ),
-    "reference.times",
-    "reference.values",
-    "reference",
-    "reference.profile",
-    Declaration(
-        "reference.interpolation",
-        "linear",
-        "string",
-        "",
-        "Between two of its rows: a straight line, or the earlier row's value",
-        choices=("linear", "hold"),
-    ),
-    (("linear", "interpolated"), ("hold", "sequence")),
-)
 
 
 @dataclass(frozen=True)
 class ReferenceConfig(ManagedConfig):
     """Parameters of the ``reference`` node; controllers have the same."""
 
-    table_files: ClassVar[tuple[TableFile, ...]] = (REFERENCE_FILE,)
+    table_files: ClassVar[tuple[TableFile, ...]] = (
+        TableFile("reference", "reference", ("interpolated", "sequence")),
+    )
 
     update_rate: float = parameter(
         "update_rate",
@@ -117,7 +96,6 @@ class ReferenceConfig(ManagedConfig):
         "constant",
         "Shape of the reference; topic: the latest message on the reference topic, the value until then",
         choices=REFERENCE_PROFILES,
-        elsewhere=((FILE, ONLY_PLANNED),),
     )
     reference_value: float = parameter(
         "reference.value",
@@ -154,7 +132,7 @@ class ReferenceConfig(ManagedConfig):
         "The levels of the sequence, or the values of the points",
         unit="rad",
         element=float,
-        longest=10_000,
+        longest=MOST_ROWS,
         minimum=-1e3,
         maximum=1e3,
     )

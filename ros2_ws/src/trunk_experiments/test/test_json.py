@@ -56,7 +56,7 @@ def test_a_key_that_the_schema_does_not_know_is_found(recordings_here, command_s
         ("simulate fig8 -o a.mcap", 2, "--output a.mcap: it exists"),
         ("simulate fig8 -o /dev/stdout", 2, "with --json the document goes there"),
         ("simulate fig8 -o new.mcap --set pid.gains.p=x", 2, "gains.p"),
-        ("sign cut.mcap --key key", 2, "key"),
+        ("sign cut.mcap --key none", 2, "none"),
         ("compare a.mcap --csv", 2, "--json and --csv: give one of them"),
         ("compare", 2, "Missing argument 'RUN...'"),
         ("metricz a.mcap", 2, "did you mean 'metrics'?"),

@@ -268,7 +268,7 @@ def test_the_channel_of_a_disturbance_chooses_the_unit():
         (TIME % "as: factor, values: [5 ms]", "is '5 ms': it is a time; a plain number is needed"),
         (
             TIME % "distribution: uniform, low: 0 sec, high: 1",
-            "vary.delay.low: is '0 sec': there is no unit 'sec' (did you mean 's'?); a time in s",
+            "vary.delay.low: is '0 sec': there is no unit 'sec'; a time in s",
         ),
         (
             "  both: {parameter: [pid.gains.p, simulator.sensor.delay], values: [5 ms]}\n",

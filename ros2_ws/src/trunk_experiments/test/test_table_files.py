@@ -15,11 +15,11 @@ from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.study.rows import make_bases, plan_of
 from trunk_experiments.study.study import design, read_study
-from trunk_msgs_util.parameters.csv_parameters import listed
 from trunk_msgs_util.parameters.declarations import (
     ParameterError,
     build,
     declarations,
+    listed,
     values_of,
 )
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, Section
@@ -27,8 +27,8 @@ from trunk_msgs_util.parameters.files import Layer, ParameterFileError, Section
 REFERENCE = "t [ms],reference [deg]\n0,0\n250,20\n250,10\n400,-5\n"
 PUSH = "t [s],value [N*m]\n0.1,0\n0.2,4\n0.3,0\n"
 DEGREES = (0.0, math.radians(20), math.radians(10), math.radians(-5))
-PLANNED = "reference: {profile: file, file: ref.csv}"
-OF_REFERENCE = ["pid.reference.profile=file", "pid.reference.file=mine/ref.csv"]
+PLANNED = "reference: {profile: interpolated, file: ref.csv}"
+OF_REFERENCE = ["pid.reference.profile=interpolated", "pid.reference.file=mine/ref.csv"]
 OF_PUSH = ["disturbance.table.file=mine/push.csv"]
 RANDOM = [
     "disturbance.pulse.start_times=[0.45]",
@@ -71,7 +71,7 @@ def test_a_path_is_relative_to_its_file_or_to_the_working_directory():
 
 
 def test_hold_makes_a_sequence():
-    plan = planned([*OF_REFERENCE, "pid.reference.interpolation=hold"])
+    plan = planned([*OF_REFERENCE, "pid.reference.profile=sequence"])
     values = values_of(plan.controller)
     assert (values["reference.profile"], values["reference.values"]) == ("sequence", DEGREES)
 
@@ -90,7 +90,6 @@ def test_a_plan_has_numbers_that_nodes_accept(here):
 @pytest.mark.parametrize(
     ("node", "values", "name"),
     [
-        ("pid", {"reference.profile": "file"}, "reference.profile"),
         ("pid", {"reference.file": "ref.csv"}, "reference.file"),
         ("disturbance", {"table.file": "push.csv"}, "table.file"),
     ],
@@ -100,15 +99,12 @@ def test_nodes_have_no_file_parameters(node, values, name):
     with pytest.raises(ParameterError) as caught:
         build(config, values)
     assert caught.value.name == name
-    if name == "reference.profile":
-        assert "only trunk reads files: give the node the parameter file" in str(caught.value)
     assert name in listed(config)
 
 
 def test_what_can_be_written_is_listed(command_says):
     _, out, _ = command_says("params", "pid")
-    (line,) = (li for li in out.splitlines() if li.split()[:1] == ["pid.reference.profile"])
-    assert "interpolated, topic, file" in line
+    assert "pid.reference.file" in out
     for node in ("pid", "disturbance"):
         code, out, _ = command_says("params", node, "--markdown")
         assert code == 0
@@ -133,17 +129,14 @@ def test_what_comes_later_wins(last, expected):
     assert planned([*earlier, *OF_REFERENCE]).controller.reference_values == DEGREES
 
 
-WITH = "it is used only with reference.profile: file"
+WITH = "it is used only with reference.profile: interpolated or sequence"
 WRONG = {
     "pid.reference.file=mine/ref.csv": (
         f"pid: parameter 'reference.file': 'mine/ref.csv' is not allowed: {WITH}"
     ),
-    "pid.reference.interpolation=hold": (
-        f"pid: parameter 'reference.interpolation': 'hold' is not allowed: {WITH}"
-    ),
-    "pid.reference.profile=file": (
-        "pid: parameter 'reference.profile': 'file' is not allowed: "
-        "with it, reference.file must name a CSV file"
+    "pid.reference.profile=interpolated": (
+        "pid: parameter 'reference.profile': 'interpolated' is not allowed: "
+        "at least one of reference.times is needed"
     ),
     "disturbance.table.file=5": (
         "disturbance: parameter 'table.file': 5 is not allowed: a string is needed, the path of a CSV file"
@@ -157,9 +150,6 @@ BESIDES = {
     "pid.reference.times=[1.0]": (
         "pid: parameter 'reference.times': [1.0] is not allowed: "
         "reference.file gives the numbers: give only one of the two"
-    ),
-    "pid.reference.interpolation=cubic": (
-        "pid: parameter 'reference.interpolation': 'cubic' is not allowed: string, one of linear, hold"
     ),
     "disturbance.table.values=[1.0]": (
         "disturbance: parameter 'table.values': [1.0] is not allowed: "
@@ -209,10 +199,10 @@ def test_only_plain_angles_of_more_than_a_turn_are_doubted(here):
         assert any("angles are in radians" in one for one in warnings) == doubted
 
 
-@pytest.mark.parametrize("how", ["linear", "hold"])
-def test_tables_are_interpolated_or_held(how):
+@pytest.mark.parametrize(("how", "profile"), [("linear", "interpolated"), ("hold", "sequence")])
+def test_tables_are_interpolated_or_held(how, profile):
     settings = [*OF_REFERENCE, *OF_PUSH, *RANDOM, f"disturbance.table.interpolation={how}"]
-    plan = planned([*settings, f"pid.reference.interpolation={how}"])
+    plan = planned([*settings, f"pid.reference.profile={profile}"])
     table = Batch().run(plan).table
     found = len({*table.reference.tolist()})
     assert found > 100 if how == "linear" else found == 3
@@ -241,7 +231,10 @@ controllers: [pid]
 rate: 200
 duration: 0.4
 runs: 2
-set: {pid.reference.profile: file, disturbance.table.file: push.csv, disturbance.pulse.random_count: 2}
+set:
+  pid.reference.profile: interpolated
+  disturbance.table.file: push.csv
+  disturbance.pulse.random_count: 2
 vary:
   reference: {parameter: pid.reference.file, values: [ref.csv, other.csv]}
 """
@@ -263,7 +256,7 @@ def test_a_study_varies_files_beside_it_and_draws_the_pulses(here):
 
 
 def test_the_library_takes_paths(here):
-    overrides = {"pid.reference.profile": "file", "pid.reference.file": here / "mine/ref.csv"}
+    overrides = {"pid.reference.profile": "sequence", "pid.reference.file": here / "mine/ref.csv"}
     plan = trunk.plan("demo", "pid", overrides=overrides)
     assert plan.parameters["pid"]["reference.values"] == DEGREES
     names = {one.name for one in trunk.parameters("disturbance")}

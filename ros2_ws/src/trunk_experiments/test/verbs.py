@@ -14,6 +14,8 @@ from trunk_experiments.cli import main
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 
+from .keys import ALICE, write_key
+
 Arguments = tuple[object, ...]
 
 
@@ -47,7 +49,7 @@ VERBS = (
     Verb(("plot",), ("a.mcap",), ".png"),
     Verb(("diff",), ("a.mcap", "b.mcap")),
     Verb(("verify",), ("a.mcap",)),
-    Verb(("sign", "--key", "key.pem"), ("a.mcap",), ".sig"),
+    Verb(("sign", "--key", "key"), ("a.mcap",), ".sig"),
     Verb(("info",), ("a.mcap",)),
     Verb(("list", "runs"), ("runs",)),
     Verb(("list", "scenarios")),
@@ -149,6 +151,7 @@ def furnish(folder: Path) -> Path:
         record_offline(plan, folder / f"{name}.mcap")
     (folder / "study.yaml").write_text(STUDY)
     (folder / "drawn.yaml").write_text(DRAWN)
+    write_key(folder / "key", ALICE)
     (folder / "gait.csv").write_text("x,y\n0,0\n0.1,1\n0.2,0\n0.3,-1\n0.4,0\n0.5,1\n")
     sound = (folder / "a.mcap").read_bytes()
     with pytest.MonkeyPatch.context() as patch:
@@ -159,7 +162,6 @@ def furnish(folder: Path) -> Path:
             "plot a.mcap -o picture.png",
             "export a.mcap --csv table.csv",
             "sweep study.yaml -o swept.parquet",
-            "sign --new-key key.pem",
             "export fuzzy -o rules.fll",
         ):
             patch.setattr(sys, "argv", ["trunk", *words.split()])

@@ -6,9 +6,6 @@ import re
 import sys
 from pathlib import Path
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
-
 from . import api
 from .api._reference import reference
 from .commands.params.text import markdown_rows, markdown_table
@@ -16,26 +13,6 @@ from .plans.files import shipped_files
 from .plans.nodes import CONTROLLERS, NODES
 
 _SECTION = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-
-
-def topics_table() -> str:
-    """Return the topics as a Markdown table."""
-    lines = ["| topic | type | from | content |", "|---|---|---|---|"]
-    lines += [
-        f"| `{name}` | {kind.replace('/msg/', '/')} | {publisher} | {content} |"
-        for name, kind, publisher, content in topics.DESCRIPTIONS
-    ]
-    return "\n".join(lines)
-
-
-def events_table() -> str:
-    """Return the events of ``run/events`` as a Markdown table."""
-    lines = ["| event | sent by | values | meaning |", "|---|---|---|---|"]
-    lines += [
-        f"| {event} | {event.said_by} | {', '.join(event.carries)} | {event.meaning} |"
-        for event in Event
-    ]
-    return "\n".join(lines)
 
 
 def parameters_tables() -> str:
@@ -72,8 +49,6 @@ def api_reference() -> str:
 
 _SECTIONS = {
     "api": api_reference,
-    "topics": topics_table,
-    "events": events_table,
     "parameters": parameters_tables,
     "files": files_table,
 }

@@ -79,8 +79,8 @@ BAD = {
         "line 1: t: the unit '' is not allowed: it is a ratio; a time in s is needed, such as 5 s or 5 ms"
     ),
     "t,reference [degree]\n": (
-        "line 1: reference: the unit 'degree' is not allowed: there is no unit 'degree' "
-        "(did you mean 'deg'?); an angle in rad is needed, such as 5 rad or 5 deg"
+        "line 1: reference: the unit 'degree' is not allowed: there is no unit 'degree'; "
+        "an angle in rad is needed, such as 5 rad or 5 deg"
     ),
     HEADER + "0\n": "line 2: '0' is not allowed: 2 values are needed, t and reference",
     HEADER + "0,1,2\n": "line 2: '0,1,2' is not allowed: 2 values are needed, t and reference",

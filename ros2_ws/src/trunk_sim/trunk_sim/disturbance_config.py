@@ -7,12 +7,14 @@ from math import pi
 from typing import Any, ClassVar
 
 from trunk_msgs_util.parameters.config import ManagedConfig
-from trunk_msgs_util.parameters.csv_parameters import TableFile, check_rows, times_parameter
 from trunk_msgs_util.parameters.declarations import (
-    Declaration,
+    MOST_ROWS,
     ParameterError,
+    TableFile,
     Value,
+    check_rows,
     parameter,
+    times_parameter,
 )
 from trunk_msgs_util.units import nanoseconds, period_ns
 
@@ -21,18 +23,6 @@ from .disturbances import CHANNELS, Signals, noise_components, random_starts
 
 INTERPOLATIONS = ("linear", "hold")
 _UNITS = tuple(zip(CHANNELS, ("N", "N m", "m", "rad"), strict=True))
-_TABLE_FILE = TableFile(
-    Declaration(
-        "table.file",
-        "",
-        "string",
-        "",
-        "CSV with the columns t and value, for table.times and table.values; a plan holds the numbers",
-    ),
-    "table.times",
-    "table.values",
-    "value",
-)
 
 
 def _magnitude(
@@ -56,7 +46,7 @@ def _magnitude(
 class DisturbanceConfig(ManagedConfig):
     """Parameters of the ``disturbance`` node. Each signal acts on its own channel."""
 
-    table_files: ClassVar[tuple[TableFile, ...]] = (_TABLE_FILE,)
+    table_files: ClassVar[tuple[TableFile, ...]] = (TableFile("table", "value"),)
 
     update_rate: float = update_rate_parameter()
     joints: tuple[str, ...] = joints_parameter()
@@ -138,7 +128,7 @@ class DisturbanceConfig(ManagedConfig):
         "Values of its rows; zero before the first row, the last value after the last",
         -1e9,
         element=float,
-        longest=10_000,
+        longest=MOST_ROWS,
     )
     table_interpolation: str = parameter(
         "table.interpolation",

@@ -127,13 +127,11 @@ def verify(run: Run | AnyPath, *, key: AnyPath | None = None) -> Verification:
 
     Raises RecordingError for a recording that cannot be read, and another `TrunkError` for an invalid key.
     """
-    from trunk_msgs_util.recording.signing import public_key, read_key
-
-    from ..replay.signed import judge_signature
+    from ..replay.signing import judge_signature, public_key
     from ..replay.verify import describe, verdict_on
 
     file = None if key is None else path_of(key, "key")
-    trusted = None if file is None else public_key(read_key(file), str(file))
+    trusted = None if file is None else public_key(file)
     recorded = run_of(run)._recorded
     verdict = verdict_on(recorded)
     judge_signature(verdict, recorded.recording, trusted, str(file))

@@ -12,8 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from trunk_control.laws import law_named
-from trunk_msgs_util.parameters.csv_parameters import listed
-from trunk_msgs_util.parameters.declarations import Value
+from trunk_msgs_util.parameters.declarations import Value, listed
 from trunk_msgs_util.parameters.files import Layer, Section
 from trunk_msgs_util.text import printable
 

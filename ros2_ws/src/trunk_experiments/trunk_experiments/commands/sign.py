@@ -9,21 +9,6 @@ import click
 
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.signing import (
-    Ed25519PrivateKey,
-    KeyFileError,
-    Signature,
-    SignatureError,
-    fingerprint,
-    private_key,
-    public_key,
-    read,
-    read_key,
-    sign,
-    signature_path,
-    to_text,
-    write_new_key,
-)
 
 from ..console.document import json_option, write_json
 from ..console.options import file_option
@@ -32,14 +17,26 @@ from ..console.reading import run_values
 from ..console.terminal import show_warnings
 from ..errors import NotSignedError, PlanError
 from ..recorded.run import RecordedRun
+from ..replay.signing import (
+    KeyFileError,
+    SignatureError,
+    fingerprint,
+    private_key,
+    read_signature,
+    sign,
+    signature_path,
+)
 from ..replay.verify import VERIFIED, Verdict, verify
 
 
 @click.command("sign")
-@click.argument("run", required=False, type=click.Path(path_type=Path))
-@file_option(
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
     "--key",
-    help="Your private Ed25519 key: PEM, or OpenSSH as made by ssh-keygen -t ed25519.",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    required=True,
+    help="Your private Ed25519 key, as made by ssh-keygen -t ed25519.",
 )
 @file_option(
     "-o",
@@ -48,59 +45,31 @@ from ..replay.verify import VERIFIED, Verdict, verify
 )
 @click.option("--force", is_flag=True, help="Replace a signature that exists.")
 @click.option("--unverified", is_flag=True, help="Sign even if trunk verify does not verify it.")
-@file_option(
-    "--new-key",
-    help="Make a key pair, FILE and FILE.pub, instead of signing.",
-)
-@json_option("sign-1", "sign-key-1")
-@click.pass_context
+@json_option("sign-1")
 def command(
-    ctx: click.Context,
-    run: Path | None,
-    key: Path | None,
-    output: Path | None,
-    force: bool,
-    unverified: bool,
-    new_key: Path | None,
-    as_json: bool,
+    run: Path, key: Path, output: Path | None, force: bool, unverified: bool, as_json: bool
 ) -> None:
     """Sign a recording's content with an Ed25519 key; the signature is a file beside it.
 
     The signature covers the content (messages, their times and order, channels, metadata), not its
     compression. The recording stays as it is. `trunk verify RUN --key PUBLIC` checks the signature.
     """
-    if new_key is not None:
-        if run or key or output or force or unverified:
-            ctx.fail("--new-key FILE makes a key and takes nothing else")
-        _make_key(new_key, as_json)
-        return
-    if run is None or key is None:
-        ctx.fail("give RUN and --key FILE, or --new-key FILE to make a key")
     target = output or signature_path(run)
     _check_target(target, force, run, key)
-    signer = private_key(read_key(key), str(key), lambda: _passphrase(key))
+    signer = private_key(key, lambda: _passphrase(key))
     recording = Recording.open(run)
     _check_content(recording)
     verdict = verify(recording)
     _check_verdict(run, verdict, unverified)
-    signature = _write(target, recording, signer, force)
+    with atomic_write(target, overwrite=force) as part:
+        part.write_text(sign(recording.digested, signer), encoding="ascii")
+    signed_by = fingerprint(signer.public_key())
     if as_json:
-        values = {"signature": target, "fingerprint": signature.fingerprint}
+        values = {"signature": target, "fingerprint": signed_by}
         judged = run_values(RecordedRun(recording), judged=verdict.word)
         write_json("sign-1", {**judged, **values, "reasons": verdict.reasons})
     else:
-        click.echo(f"{target}: signed by {signature.fingerprint}")
-
-
-def _make_key(path: Path, as_json: bool) -> None:
-    public = write_new_key(path)
-    key_print = fingerprint(public_key(read_key(public), str(public)))
-    if as_json:
-        made = {"private_key": path, "public_key": public, "fingerprint": key_print}
-        write_json("sign-key-1", made)
-        return
-    click.echo(f"{path}: private key, not encrypted; keep it secret (ssh-keygen -p -f encrypts it)")
-    click.echo(f"{public}: public key {key_print}, for those who verify")
+        click.echo(f"{target}: signed by {signed_by}")
 
 
 def _passphrase(key: Path) -> bytes:
@@ -118,7 +87,7 @@ def _check_target(target: Path, force: bool, run: Path, key: Path) -> None:
     check_output(target, force=force, inputs=[run, key])
     if target.is_file():
         try:
-            read(target)
+            read_signature(target)
         except SignatureError as error:
             raise PlanError(
                 f"--output {target}: it exists and is not a signature ({error}): "
@@ -157,10 +126,3 @@ def _check_verdict(run: Path, verdict: Verdict, unverified: bool) -> None:
     if not unverified:
         raise NotSignedError(f"{why}: it is not signed; --unverified signs it anyway")
     show_warnings([f"{why}: signed anyway"])
-
-
-def _write(target: Path, recording: Recording, key: Ed25519PrivateKey, force: bool) -> Signature:
-    signature = sign(recording.digested, key)
-    with atomic_write(target, overwrite=force) as part:
-        part.write_text(to_text(signature), encoding="ascii")
-    return signature

@@ -8,7 +8,6 @@ import click
 
 from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.signing import public_key, read_key
 from trunk_msgs_util.units import seconds
 
 from ..console.document import json_option, write_json
@@ -19,7 +18,7 @@ from ..console.tables import print_table
 from ..errors import PlanError
 from ..recorded.run import RecordedRun
 from ..replay.doubts import refused, silence
-from ..replay.signed import judge_signature
+from ..replay.signing import judge_signature, public_key
 from ..replay.verdict import SignatureCheck
 from ..replay.verify import Check, Verdict, describe, verify
 
@@ -76,7 +75,7 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> tuple[Recordi
 
     Raises KeyFileError, PlanError and RecordingError.
     """
-    trusted = None if key is None else public_key(read_key(key), str(key))
+    trusted = None if key is None else public_key(key)
     if signature and not signature.exists() and not key:
         raise PlanError(
             f"--signature {signature}: it does not exist: give a file written by trunk sign"
@@ -94,7 +93,7 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> tuple[Recordi
 @file_option(
     "--key",
     metavar="PUBLIC",
-    help="The public Ed25519 key that must have signed it: PEM or OpenSSH.",
+    help="The public Ed25519 key that must have signed it, as made by ssh-keygen.",
 )
 @file_option(
     "--signature",

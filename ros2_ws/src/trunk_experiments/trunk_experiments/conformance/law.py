@@ -33,12 +33,12 @@ from trunk_control.limits import Limits, limited
 from trunk_msgs_util.compiled import call_graph
 from trunk_msgs_util.elementary import cos, sin
 from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.parameters.csv_parameters import listed
 from trunk_msgs_util.parameters.declarations import (
     Declaration,
     ParameterError,
     build,
     declarations,
+    listed,
     table_of,
     values_of,
 )

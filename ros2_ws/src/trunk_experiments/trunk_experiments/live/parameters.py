@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import yaml
 
 from trunk_msgs_util.parameters.csv_files import numbers_for
-from trunk_msgs_util.parameters.csv_parameters import tables_of
 from trunk_msgs_util.parameters.declarations import (
     Declaration,
     ParameterError,
     declarations,
     of_every_node,
     table_of,
+    tables_of,
     unknown_name,
     with_cells,
 )
@@ -76,7 +76,7 @@ def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, objec
 def planned_names(node: str) -> list[str]:
     """Return the keys that trunk reads for a node with one of the project's names: those of CSV files."""
     config = _config(node)
-    return [] if config is None else [key.name for t in tables_of(config) for key in t.keys]
+    return [] if config is None else [table.key.name for table in tables_of(config)]
 
 
 def with_numbers(
@@ -93,7 +93,7 @@ def with_numbers(
     if config is None or said.keys().isdisjoint(planned):
         return dict(said)
     declared = declarations(config)
-    choosers = [declared[table.values].unit_by for table in tables_of(config)]
+    choosers = [declared[f"{table.prefix}.values"].unit_by for table in tables_of(config)]
     numbers = numbers_for(node, [layer], config, values(list(filter(None, choosers)))).values
     return {name: value for name, value in said.items() if name not in planned} | {
         name: list(value) if isinstance(value, tuple) else value for name, value in numbers.items()

@@ -9,7 +9,7 @@ from typing import Any
 from trunk_control.laws import REGISTERED, LawError, law_named, package_of
 from trunk_control.reference import ReferenceConfig
 from trunk_msgs_util.parameters.config import RecorderConfig
-from trunk_msgs_util.parameters.csv_parameters import listed
+from trunk_msgs_util.parameters.declarations import listed
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 

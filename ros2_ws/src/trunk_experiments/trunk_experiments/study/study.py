@@ -300,9 +300,9 @@ class _Reader:
         return tuple(items)
 
     def number(self, value: object, place: str, units: Units = ()) -> float:
-        if units and isinstance(value, str) and looks_like_quantity(value):
+        if units and looks_like_quantity(value):
             try:
-                value = number_of(value, units)
+                value = number_of(str(value), units)
             except UnitError as error:
                 raise self.error(place, f"is {_quoted(value)}: {error}") from None
         if isinstance(value, str) and re.fullmatch(r"[-+.\deE]+", value):
@@ -339,7 +339,7 @@ class _Reader:
     def scalar(self, value: object, place: str, units: Units) -> Scalar:
         if isinstance(value, bool | int):
             return value
-        quantity = units and isinstance(value, str) and looks_like_quantity(value)
+        quantity = units and looks_like_quantity(value)
         plain = r"[-+]?[\d.]+[eE][-+]?\d+"
         if isinstance(value, str) and not quantity and not re.fullmatch(plain, value):
             return value

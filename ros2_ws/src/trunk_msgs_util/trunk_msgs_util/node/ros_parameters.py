@@ -22,16 +22,18 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
-from ..parameters.csv_parameters import ONLY_PLANNED, only_planned
 from ..parameters.declarations import (
+    ONLY_PLANNED,
     Declaration,
     ParameterError,
     Value,
     build,
+    changed,
     check,
     declarations,
     is_qos_override,
     of_every_node,
+    only_planned,
     table_of,
     unknown_name,
     values_of,
@@ -63,24 +65,18 @@ def descriptor(declaration: Declaration) -> ParameterDescriptor:
         additional_constraints=declaration.allowed(),
         read_only=declaration.fixed,
     )
-    low = declaration.minimum if declaration.minimum is not None else declaration.above
+    low = declaration.above if declaration.minimum is None else declaration.minimum
     high = declaration.maximum
-    if low is not None or high is not None:
-        if declaration.kind == "double":
-            message.floating_point_range = [
-                FloatingPointRange(
-                    from_value=-math.inf if low is None else float(low),
-                    to_value=math.inf if high is None else float(high),
-                )
-            ]
-        elif declaration.kind == "integer":
-            message.integer_range = [
-                IntegerRange(
-                    from_value=-(2**63) if low is None else int(low),
-                    to_value=2**63 - 1 if high is None else int(high),
-                    step=1,
-                )
-            ]
+    if declaration.kind == "double" and (low, high) != (None, None):
+        ends = -math.inf if low is None else low, math.inf if high is None else high
+        message.floating_point_range = [
+            FloatingPointRange(from_value=float(ends[0]), to_value=float(ends[1]))
+        ]
+    if declaration.kind == "integer" and (low, high) != (None, None):
+        ends = -(2**63) if low is None else low, 2**63 - 1 if high is None else high
+        message.integer_range = [
+            IntegerRange(from_value=int(ends[0]), to_value=int(ends[1]), step=1)
+        ]
     return message
 
 
@@ -118,12 +114,12 @@ class NodeParameters(Generic[Config]):
         self._declared = declarations(config_class)
         self._on_change = on_change
         self._barred = barred
-        # The only place where rclpy keeps overrides that nothing declares.
-        self._overrides: Mapping[str, object] = getattr(node, "_parameter_overrides", {})
+        # The only place where rclpy keeps overrides of any type, and those that nothing declares.
+        self._overrides: Mapping[str, object] = node._parameter_overrides
         self.config = build(config_class, self._take_overrides())
         for name, value in values_of(self.config).items():
             self._declare(self._declared[name], value)
-        node.add_pre_set_parameters_callback(self._coerce)
+        node.add_pre_set_parameters_callback(self.prepared)
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._apply)
         _Services(node, self)
@@ -131,24 +127,20 @@ class NodeParameters(Generic[Config]):
     def _take_overrides(self) -> dict[str, object]:
         """Return the values from files and the command line, of any type."""
         given: dict[str, object] = {}
-        for name, declaration in self._declared.items():
-            untyped = self._node.declare_parameter(
-                name, descriptor=ParameterDescriptor(dynamic_typing=True)
-            )
-            self._node.undeclare_parameter(name)
-            if untyped.value is not None:
-                given[name] = untyped.value
-            elif name in self._overrides and declaration.kind.endswith("array"):
-                given[name] = ()  # YAML's [] has no type in ROS 2 and arrives as "not set"
-        for name, value in self._overrides.items():
+        for name, override in self._overrides.items():
+            value = getattr(override, "value", override)
             if only_planned(self._class, name):
-                raise ParameterError(name, getattr(value, "value", value), ONLY_PLANNED)
+                raise ParameterError(name, value, ONLY_PLANNED)
             if table_of(name, self._declared):
-                given[name] = getattr(value, "value", value)
-                continue
+                given[name] = value
+            elif name in self._declared:
+                if value is not None:
+                    given[name] = value
+                elif self._declared[name].kind.endswith("array"):
+                    given[name] = ()  # YAML's [] has no type in ROS 2 and arrives as "not set"
             # Files for several nodes contain, under "/**", many parameters that a node does not have; a
             # near miss is more likely a typo.
-            if name not in self._declared and not of_every_node(name):
+            elif not of_every_node(name):
                 close = get_close_matches(name, list(self._declared), n=1, cutoff=0.85)
                 if close:
                     self._node.get_logger().warning(
@@ -168,15 +160,14 @@ class NodeParameters(Generic[Config]):
                 declaration.name, ros_value.value, described, ignore_override=True
             )
 
-    def _coerce(self, changes: list[Parameter]) -> list[Parameter]:
-        """Take integers for doubles, as at start, and a cell for its changed table.
+    def prepared(self, changes: Sequence[Parameter]) -> list[Parameter]:
+        """Return changes with integers for doubles, as at start, and tables for their cells.
 
-        What is wrong is left for `_judge` to refuse.
+        What is wrong is left as it is, to be refused.
         """
-        return [self.coerced(change) for change in self.folded(changes)]
+        return [self._coerced(change) for change in self._folded(changes)]
 
-    def folded(self, changes: Sequence[Parameter]) -> list[Parameter]:
-        """Return changes with tables in place of their cells (`with_cells`); as they are if one is wrong."""
+    def _folded(self, changes: Sequence[Parameter]) -> list[Parameter]:
         if not any(table_of(change.name, self._declared) for change in changes):
             return list(changes)
         given = {change.name: change.value for change in changes}
@@ -191,8 +182,7 @@ class NodeParameters(Generic[Config]):
             *(to_ros(self._declared[name], values[name]) for name in tables),  # type: ignore[arg-type]
         ]
 
-    def coerced(self, change: Parameter) -> Parameter:
-        """Return a change with its value as the declared type; as it is if the value is wrong."""
+    def _coerced(self, change: Parameter) -> Parameter:
         declaration = self._declared.get(change.name)
         if declaration is None:
             return change
@@ -211,10 +201,8 @@ class NodeParameters(Generic[Config]):
         return now.type_ == change.type_ and _text(now) == _text(change)
 
     def _candidate(self, changes: Sequence[Parameter]) -> Any:
-        values: dict[str, object] = dict(values_of(self.config))
         known = (p for p in changes if p.name in self._declared or table_of(p.name, self._declared))
-        values.update({p.name: p.value for p in known})
-        return build(self._class, values)
+        return changed(self.config, {p.name: p.value for p in known})
 
     def refusal(self, changes: Sequence[Parameter]) -> str:
         """Return why these changes are refused as a set, naming every wrong value; empty if they are not.
@@ -326,14 +314,12 @@ class _Services(ParameterService):
             )
             return SetParametersResult(successful=False, reason=reason)
         sent = [Parameter.from_parameter_msg(message) for message in messages]
-        values = [self._parameters.coerced(p) for p in self._parameters.folded(sent)]
+        values = self._parameters.prepared(sent)
         reason = self._parameters.refusal(values)
-        if reason:
-            return SetParametersResult(successful=False, reason=reason)
         names_changed = {value.name for value in values if not self._parameters.unchanged(value)}
         changes = [value for value in values if value.name in names_changed]
-        if not changes:
-            return SetParametersResult(successful=True)
+        if reason or not changes:
+            return SetParametersResult(successful=not reason, reason=reason)
         result = self._get_node().set_parameters_atomically(changes)
         if not result.successful:  # one of rclpy's own parameters
             names = ", ".join(repr(change.name) for change in changes)

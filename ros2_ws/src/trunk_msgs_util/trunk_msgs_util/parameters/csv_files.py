@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from io import StringIO
 from os import PathLike
@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..text import shortened
-from .csv_parameters import FILE, TableFile, tables_of
-from .declarations import Declaration, ParameterError, UnitError, check, declarations
+from .declarations import Declaration, ParameterError, UnitError, check, declarations, tables_of
 from .files import Layer, ParameterFileError
 from .to_si import read_quantity, units_of
 
@@ -53,43 +52,24 @@ def read_csv(path: Path, columns: Sequence[Column]) -> CsvTable:
     as many as it allows; equal times in two rows are allowed. Blank lines are skipped.
     Raises ParameterFileError: file, line, value, what is allowed.
     """
+    headings = ",".join(column.heading for column in columns)
+    wanted = f"a header {headings} is needed, then a row of numbers for each time"
     reader = csv.reader(StringIO(_text(path), newline=""), strict=True)
+    table: list[list[float]] = [[] for _ in columns]
+    units: list[str | None] = []
     try:
-        return _read(path, reader, columns)
+        for cells in reader:
+            line = f"{path}: line {reader.line_num}"
+            if units:
+                _add_row(line, cells, columns, units, table)
+            elif any(cell.strip() for cell in cells):
+                units = _header(line, cells, columns, wanted)
     except csv.Error as error:
         raise ParameterFileError(
-            f"{path}: line {reader.line_num}: not CSV: {error}: {_wanted(columns)}"
+            f"{path}: line {reader.line_num}: not CSV: {error}: {wanted}"
         ) from None
-
-
-def _read(path: Path, reader: Iterator[list[str]], columns: Sequence[Column]) -> CsvTable:
-    table: list[list[float]] = [[] for _ in columns]
-    units: list[str | None] | None = None
-    longest = columns[0].declaration.longest
-    for cells in reader:
-        line = f"{path}: line {reader.line_num}"  # type: ignore[attr-defined]
-        if not any(cell.strip() for cell in cells):
-            continue
-        if units is None:
-            units = _header(line, cells, columns)
-            continue
-        if len(cells) != len(columns):
-            names = " and ".join(column.name for column in columns)
-            raise ParameterFileError(
-                f"{line}: {shortened(','.join(cells))!r} is not allowed: "
-                f"{len(columns)} values are needed, {names}"
-            )
-        if len(table[0]) == longest:
-            raise ParameterFileError(f"{line}: one row too many: at most {longest} are allowed")
-        for column, unit, numbers, cell in zip(columns, units, table, cells, strict=True):
-            numbers.append(_number(line, column, unit, cell))
-        if table[0][-2:] != sorted(table[0][-2:]):
-            raise ParameterFileError(
-                f"{line}: {columns[0].name}: {shortened(cells[0])!r} is not allowed: "
-                "times must ascend, and this one is before the time in the row above"
-            )
-    if units is None or not table[0]:
-        raise ParameterFileError(f"{path}: it has no numbers: {_wanted(columns)}")
+    if not table[0]:
+        raise ParameterFileError(f"{path}: it has no numbers: {wanted}")
     return CsvTable(tuple(map(tuple, table)), tuple(unit is not None for unit in units))
 
 
@@ -111,49 +91,68 @@ def _text(path: Path) -> str:
         raise ParameterFileError(f"{path}: not a text in UTF-8: save it as CSV UTF-8") from None
 
 
-def _header(line: str, cells: Sequence[str], columns: Sequence[Column]) -> list[str | None]:
+def _header(
+    line: str, cells: Sequence[str], columns: Sequence[Column], wanted: str
+) -> list[str | None]:
     """Return the units that the header gives, None where it gives none."""
-    headings = [_HEADING.fullmatch(cell.strip()) for cell in cells]
-    names = [None if heading is None else heading[1] for heading in headings]
-    if names != [column.name for column in columns]:
-        raise ParameterFileError(
-            f"{line}: {shortened(','.join(cells))!r} is not allowed: {_wanted(columns)}"
-        )
-    units: list[str | None] = []
-    for heading, column in zip(headings, columns, strict=True):
-        assert heading is not None
-        unit = None if heading[2] is None else heading[2].strip()
-        if unit is not None:
-            try:
+    matches = [_HEADING.fullmatch(cell.strip()) for cell in cells]
+    headings = [match.groups() if match else ("", None) for match in matches]
+    if [name for name, _ in headings] != [column.name for column in columns]:
+        raise ParameterFileError(f"{line}: {shortened(','.join(cells))!r} is not allowed: {wanted}")
+    for column, (_, unit) in zip(columns, headings, strict=True):
+        try:
+            if unit is not None:
                 read_quantity(f"1 {unit or 1}", column.unit)
-            except UnitError as error:
-                raise ParameterFileError(
-                    f"{line}: {column.name}: the unit {shortened(unit)!r} is not allowed: {error}"
-                ) from None
-        units.append(unit)
-    return units
+        except UnitError as error:
+            raise ParameterFileError(
+                f"{line}: {column.name}: the unit {shortened(unit or '')!r} is not allowed: {error}"
+            ) from None
+    return [unit for _, unit in headings]
 
 
-def _number(line: str, column: Column, unit: str | None, cell: str) -> float:
-    text = cell.strip()
-    problem = f"{line}: {column.name}: {shortened(text)!r} is not allowed"
-    if not _NUMBER.fullmatch(text):
+def _add_row(
+    line: str,
+    cells: Sequence[str],
+    columns: Sequence[Column],
+    units: Sequence[str | None],
+    table: Sequence[list[float]],
+) -> None:
+    if not any(cell.strip() for cell in cells):
+        return
+    if len(cells) != len(columns):
+        names = " and ".join(column.name for column in columns)
         raise ParameterFileError(
-            f"{problem}: a finite number is needed; its unit belongs in the header: {column.heading}"
+            f"{line}: {shortened(','.join(cells))!r} is not allowed: "
+            f"{len(columns)} values are needed, {names}"
         )
+    longest = columns[0].declaration.longest
+    if len(table[0]) == longest:
+        raise ParameterFileError(f"{line}: one row too many: at most {longest} are allowed")
+    for column, unit, numbers, cell in zip(columns, units, table, cells, strict=True):
+        try:
+            numbers.append(_number(column, unit, cell.strip()))
+        except UnitError as error:
+            raise ParameterFileError(
+                f"{line}: {column.name}: {shortened(cell.strip())!r} is not allowed: {error}"
+            ) from None
+    if table[0][-2:] != sorted(table[0][-2:]):
+        raise ParameterFileError(
+            f"{line}: {columns[0].name}: {shortened(cells[0])!r} is not allowed: "
+            "times must ascend, and this one is before the time in the row above"
+        )
+
+
+def _number(column: Column, unit: str | None, text: str) -> float:
+    if not _NUMBER.fullmatch(text):
+        raise UnitError(
+            f"a finite number is needed; its unit belongs in the header: {column.heading}"
+        )
+    number = float(text) if unit is None else read_quantity(f"{text} {unit}", column.unit)
     try:
-        number = float(text) if unit is None else read_quantity(f"{text} {unit}", column.unit)
         check(replace(column.declaration, kind="double", longest=None), number)
-    except UnitError as error:
-        raise ParameterFileError(f"{problem}: {error}") from None
     except ParameterError as error:
-        raise ParameterFileError(f"{problem}: {error.allowed}, in {column.unit}") from None
+        raise UnitError(f"{error.allowed}, in {column.unit}") from None
     return number
-
-
-def _wanted(columns: Sequence[Column]) -> str:
-    headings = ",".join(column.heading for column in columns)
-    return f"a header {headings} is needed, then a row of numbers for each time"
 
 
 class Numbers(NamedTuple):
@@ -178,92 +177,52 @@ def numbers_for(
     """Return the numbers of the CSV files that the layers name for a node (fully qualified name).
 
     ``present``: a running node's values of parameters that choose a unit, in place of the defaults.
-    Raises ParameterFileError for a file that cannot be used, keys whose switch is not "file" or the
-    reverse, and numbers given besides a file. What a later layer sets wins.
+    Raises ParameterFileError for a file that cannot be used, one whose profile does not count, and numbers
+    given besides a file. What a later layer sets wins.
     """
     numbers = Numbers({}, set())
-    said: dict[str, _Said] | None = None
-    for table in tables_of(config):
-        names = {key.name for key in table.keys} | ({table.switch} - {""})
-        if not any(names & s.values.keys() for layer in layers for s in layer.sections):
-            continue
-        said = _said(node, layers) if said is None else said
-        if _counts(table, said, node):
-            _fill(numbers, table, said, node, config, present or {})
-    return numbers
-
-
-def _said(node: str, layers: Sequence[Layer]) -> dict[str, _Said]:
     sections = [(layer, section) for layer in layers for section in layer.sections]
-    return {
-        name: _Said(value, place, layer)
-        for place, (layer, section) in enumerate(sections)
-        if section.matches(node)
-        for name, value in section.values.items()
-    }
-
-
-def _counts(table: TableFile, said: Mapping[str, _Said], node: str) -> bool:
-    """Return True if a file is named and is to be used."""
-    key = said.get(table.key.name)
-    named = key is not None and key.value != ""
-    switch = said.get(table.switch)
-    if not table.switch:
-        return named
-    if switch is not None and switch.value == FILE:
-        if not named:
-            raise _refused(
-                switch, node, table.switch, f"with it, {table.key.name} must name a CSV file"
-            )
-        return True
-    for name in (setting.name for setting in table.keys):
-        setting = said.get(name)
-        if setting is None or setting.value == "":
+    for table in tables_of(config):
+        if not any(table.key.name in section.values for _, section in sections):
             continue
-        if switch is None or switch.place <= setting.place:  # else a later layer overrides it
-            raise _refused(setting, node, name, f"it is used only with {table.switch}: {FILE}")
-    return False
-
-
-def _fill(
-    numbers: Numbers,
-    table: TableFile,
-    said: Mapping[str, _Said],
-    node: str,
-    config: type[Any],
-    present: Mapping[str, object],
-) -> None:
-    key, name = said[table.key.name], table.key.name
-    if not isinstance(key.value, str | PathLike):
-        raise _refused(key, node, name, "a string is needed, the path of a CSV file")
-    for other in (table.times, table.values):
-        if other in said and said[other].place >= key.place:
-            raise _refused(
-                said[other], node, other, f"{name} gives the numbers: give only one of the two"
-            )
-    declared = declarations(config)
-    defaults = {setting.name: setting.default for setting in declared.values()}
-    chosen = {**defaults, **present, **{name: setting.value for name, setting in said.items()}}
-    columns = [
-        Column(heading, declared[target], units_of(declared[target], chosen)[0][0])
-        for heading, target in (("t", table.times), (table.column, table.values))
-    ]
-    try:
-        (times, values), with_unit = read_csv(key.layer.folder / Path(key.value), columns)
-    except ParameterFileError as error:
-        raise ParameterFileError(f"{key.layer.source}: {_short(node)}: {name}: {error}") from None
-    numbers.values.update({table.times: times, table.values: values})
-    numbers.with_units.update({table.values} if with_unit[1] else ())
-    if table.interpolation is not None:
-        how = said.get(table.interpolation.name)
-        kind = table.interpolation.default if how is None else how.value
+        said = {
+            name: _Said(value, place, layer)
+            for place, (layer, section) in enumerate(sections)
+            if section.matches(node)
+            for name, value in section.values.items()
+        }
+        file = said.get(table.key.name)
+        if file is None or file.value == "":
+            continue
+        if not isinstance(file.value, str | PathLike):
+            raise _refused(file, node, table.key.name, "a string is needed, the path of a CSV file")
+        profile = said.get(f"{table.prefix}.profile")
+        if table.profiles and (profile is None or profile.value not in table.profiles):
+            if profile is not None and profile.place > file.place:
+                continue  # a later layer overrides it
+            allowed = f"{table.prefix}.profile: {' or '.join(table.profiles)}"
+            raise _refused(file, node, table.key.name, f"it is used only with {allowed}")
+        names = (f"{table.prefix}.times", f"{table.prefix}.values")
+        for name in names:
+            if name in said and said[name].place >= file.place:
+                allowed = f"{table.key.name} gives the numbers: give only one of the two"
+                raise _refused(said[name], node, name, allowed)
+        declared = declarations(config)
+        defaults = {name: declaration.default for name, declaration in declared.items()}
+        given = {name: setting.value for name, setting in said.items()}
+        chosen = {**defaults, **(present or {}), **given}
+        columns = [
+            Column(heading, declared[name], units_of(declared[name], chosen)[0][0])
+            for heading, name in zip(("t", table.column), names, strict=True)
+        ]
         try:
-            numbers.values[table.switch] = dict(table.becomes)[
-                str(check(table.interpolation, kind))
-            ]
-        except ParameterError as error:
-            assert how is not None
-            raise ParameterFileError(f"{how.layer.source}: {_short(node)}: {error}") from None
+            read = read_csv(file.layer.folder / Path(file.value), columns)
+        except ParameterFileError as error:
+            source = f"{file.layer.source}: {_short(node)}: {table.key.name}"
+            raise ParameterFileError(f"{source}: {error}") from None
+        numbers.values.update(zip(names, read.columns, strict=True))
+        numbers.with_units.update({names[1]} if read.with_unit[1] else ())
+    return numbers
 
 
 def _refused(setting: _Said, node: str, name: str, allowed: str) -> ParameterFileError:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from ..errors import TrunkError
 from ..samples import Value as Value
@@ -67,7 +67,6 @@ class Declaration:
     fixed: bool = False  # cannot change after start
     unit_by: str = ""  # the parameter whose value chooses the unit among ``units``
     units: tuple[tuple[str, str], ...] = ()  # that value, and the unit
-    elsewhere: tuple[tuple[str, str], ...] = ()  # no choice here: a value, and what to do instead
 
     def allowed(self) -> str:
         """Return the allowed values as a readable phrase."""
@@ -121,6 +120,67 @@ def parameter(
     return field(default=default, metadata={"declaration": declaration})
 
 
+MOST_ROWS = 10_000
+
+
+def times_parameter(name: str, description: str) -> Any:
+    """Return the declaration of times in s, by default none."""
+    limits = {"longest": MOST_ROWS, "minimum": 0.0, "maximum": 1e6}
+    return parameter(name, (), description, unit="s", element=float, **limits)
+
+
+def check_rows(prefix: str, times: Sequence[float], values: Sequence[float]) -> None:
+    """Raise ParameterError unless ``PREFIX.values`` are as many as ``PREFIX.times``, which ascend."""
+    if len(values) != len(times):
+        allowed = f"as many as {prefix}.times ({len(times)})"
+        raise ParameterError(f"{prefix}.values", values, allowed)
+    if list(times) != sorted(times):
+        raise ParameterError(f"{prefix}.times", times, "ascending times")
+
+
+class TableFile(NamedTuple):
+    """A CSV file, named by PREFIX.file, that gives PREFIX.times and PREFIX.values.
+
+    Plans read it. Nodes and recordings get the numbers, never a path. ``column``: the heading of the
+    values. ``profiles``: the values of PREFIX.profile with which the numbers count; empty: always.
+    """
+
+    prefix: str
+    column: str
+    profiles: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> Declaration:
+        """The key that names the file, which only plans read."""
+        columns = f"CSV with the columns t and {self.column}"
+        given = f"for {self.prefix}.times and {self.prefix}.values; a plan holds the numbers"
+        return Declaration(f"{self.prefix}.file", "", "string", "", f"{columns}, {given}")
+
+
+ONLY_PLANNED = "only trunk reads files: give the node the parameter file that trunk plan writes"
+
+
+def tables_of(config: type[Any]) -> tuple[TableFile, ...]:
+    """Return the CSV files that can be named for nodes of a configuration class."""
+    tables: tuple[TableFile, ...] = getattr(config, "table_files", ())
+    return tables
+
+
+def only_planned(config: type[Any], name: str) -> bool:
+    """Return True for a key that plans read and nodes do not have."""
+    return any(name == table.key.name for table in tables_of(config))
+
+
+def listed(config: type[Any]) -> dict[str, Declaration]:
+    """Return all keys of a parameter file: the node's declarations, and what only plans read."""
+    keys = {f"{table.prefix}.values": table.key for table in tables_of(config)}
+    declared: dict[str, Declaration] = {}
+    for name, declaration in declarations(config).items():
+        declared |= {name: declaration}
+        declared |= {keys[name].name: keys[name]} if name in keys else {}
+    return declared
+
+
 def declarations(config: type[Any]) -> dict[str, Declaration]:
     """Return the declarations of a configuration class by parameter name, in order."""
     return {name: declaration for name, (_, declaration) in _fields(config).items()}
@@ -157,10 +217,7 @@ def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
         )
     if isinstance(value, str):
         if declaration.choices and value not in declaration.choices:
-            place = dict(declaration.elsewhere).get(value)
-            raise ParameterError(
-                declaration.name, whole, declaration.allowed() + (f"; {place}" if place else "")
-            )
+            raise ParameterError(declaration.name, whole, declaration.allowed())
         return value
     number: Any = value
     if math.isnan(number) or (math.isinf(number) and not declaration.unbounded):
@@ -177,9 +234,7 @@ def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
 
 def _plain(declaration: Declaration, value: object) -> str:
     """Return, for a number with a unit, why it is refused: ROS 2 has no units."""
-    if not declaration.kind.startswith("double") or not isinstance(value, str):
-        return ""
-    if not looks_like_quantity(value):
+    if not declaration.kind.startswith("double") or not looks_like_quantity(value):
         return ""
     return f"; only trunk reads units: give a plain number{' in ' * bool(declaration.unit)}{declaration.unit}"
 
@@ -374,14 +429,12 @@ class UnitError(TrunkError):
     """A number with a unit that cannot be used: what is wrong, and what is allowed."""
 
 
-def looks_like_quantity(text: str) -> bool:
+def looks_like_quantity(value: object) -> bool:
     """Return True for a text that begins with a number and is not one by itself."""
-    return QUANTITY.match(text) is not None and not _is_plain(text)
-
-
-def _is_plain(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
+    if not isinstance(value, str) or not QUANTITY.match(value):
         return False
-    return True
+    try:
+        float(value)
+    except ValueError:
+        return True
+    return False

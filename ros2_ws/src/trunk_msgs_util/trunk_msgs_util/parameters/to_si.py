@@ -22,49 +22,54 @@ def to_si(
     Raises ParameterError for a unit that does not exist, or of another dimension. Everything else is
     returned as it is, for `declarations.build` to check.
     """
-    written = written_with_units(declared, values)
-    if not written:
-        return dict(values)
-    defaults = {name: declaration.default for name, declaration in declared.items()}
-    complete = {**defaults, **(present or {}), **values}
     converted = dict(values)
-    for name in written:
-        declaration = declared[_whole(name)]
-        units = units_of(declaration, complete)
-        index = name.removesuffix("]").partition("[")[2]
-        if index.isdecimal():
-            units = (units[min(int(index), len(units) - 1)],)
-        converted[name] = _converted(declaration, values[name], units)
+    for name in written_with_units(declared, values):
+        whole, index = _parts(name)
+        defaults = {known: declaration.default for known, declaration in declared.items()}
+        units = units_of(declared[whole], {**defaults, **(present or {}), **values})
+        value = values[name]
+        items = value if isinstance(value, list | tuple) else [value]
+        first = int(index) if index.isdecimal() else 0
+        numbers = [
+            _converted(declared[whole], item, place, units[min(place, len(units) - 1)])
+            for place, item in enumerate(items, first)
+        ]
+        converted[name] = numbers if items is value else numbers[0]
     return converted
 
 
 def written_with_units(
     declared: Mapping[str, Declaration], values: Mapping[str, object]
 ) -> set[str]:
-    """Return the names of the numeric parameters whose values are written with a unit."""
-    return {
-        name
-        for name, value in values.items()
-        if _whole(name) in declared
-        and any(map(_is_quantity, _numbers_in(declared[_whole(name)], name, value)))
-    }
+    """Return the names of the numeric parameters whose values are written with a unit.
+
+    Integers have none, texts are texts.
+    """
+    written = set()
+    for name, value in values.items():
+        whole, index = _parts(name)
+        items = value if isinstance(value, list | tuple) else [value]
+        kind = "double array" if items is value or index else "double"
+        if whole in declared and declared[whole].kind == kind:
+            written |= {name} if any(map(looks_like_quantity, items)) else set()
+    return written
 
 
-def _whole(name: str) -> str:
-    """Return the parameter itself where an element is named, ARRAY[INDEX]."""
-    return name.partition("[")[0] if name.endswith("]") else name
+def _parts(name: str) -> tuple[str, str]:
+    """Return a parameter's name, and the index if an element is named, ARRAY[INDEX]."""
+    whole, _, index = name.removesuffix("]").partition("[")
+    return whole, index
 
 
-def _numbers_in(declaration: Declaration, name: str, value: object) -> Sequence[object]:
-    """Return the items that may be numbers with a unit: integers have none, texts are texts."""
-    if declaration.kind == "double array" and isinstance(value, list | tuple):
-        return value
-    element = declaration.kind == "double array" and name.endswith("]")
-    return (value,) if declaration.kind == "double" or element else ()
-
-
-def _is_quantity(item: object) -> bool:
-    return isinstance(item, str) and looks_like_quantity(item)
+def _converted(declaration: Declaration, item: object, place: int, units: Sequence[str]) -> object:
+    if not looks_like_quantity(item):
+        return item
+    try:
+        return read_quantity(str(item), *units)
+    except UnitError as error:
+        element = f"element {place}: " if declaration.kind == "double array" else ""
+        chooser = f" ({declaration.unit_by} chooses the unit)" if declaration.unit_by else ""
+        raise ParameterError(declaration.name, item, f"{element}{error}{chooser}") from None
 
 
 def units_of(
@@ -102,22 +107,6 @@ def read_quantity(text: str, *units: str) -> float:
     return quantity.read_quantity(text, *units)
 
 
-def _converted(declaration: Declaration, value: object, units: Sequence[Sequence[str]]) -> object:
-    def convert(item: object, place: int | None = None) -> object:
-        if not isinstance(item, str) or not looks_like_quantity(item):
-            return item
-        try:
-            return read_quantity(item, *units[min(place or 0, len(units) - 1)])
-        except UnitError as error:
-            element = "" if place is None else f"element {place}: "
-            chooser = f" ({declaration.unit_by} chooses the unit)" if declaration.unit_by else ""
-            raise ParameterError(declaration.name, item, f"{element}{error}{chooser}") from None
-
-    if isinstance(value, list | tuple):
-        return [convert(item, place) for place, item in enumerate(value)]
-    return convert(value)
-
-
 _NUMBER = re.compile(r"[-+]?(inf|\d+(\.\d*)?(e[-+]?\d+)?)", re.ASCII)
 
 
@@ -131,29 +120,20 @@ def meant(declaration: Declaration, value: object, present: Value) -> object:
     type is the present text if YAML reads that text so. Everything else is returned as it is, to be
     checked or refused as it was sent.
     """
-    if declaration.kind == "double" and isinstance(value, str):
+    if declaration.kind == "double":
         return _number(value)
     if declaration.kind == "double array":
-        return _numbers(value)
+        text = re.fullmatch(r"\[(.*)\]", value) if isinstance(value, str) else None
+        items = text[1].split(",") if text else value if isinstance(value, list) else []
+        numbers = [_number(item) for item in items]
+        return value if any(isinstance(number, str) for number in numbers) else numbers or value
     if declaration.kind == "string" and isinstance(value, bool | int | float):
         return present if _reads_as(present, value) else value
     return value
 
 
 def _number(item: object) -> object:
-    if isinstance(item, str) and _NUMBER.fullmatch(item):
-        return float(item)
-    return item
-
-
-def _numbers(value: object) -> object:
-    if isinstance(value, str) and value.startswith("[") and value.endswith("]"):
-        items = [_number(item.strip()) for item in value[1:-1].split(",")]
-    elif isinstance(value, list):
-        items = [_number(item) for item in value]
-    else:
-        return value
-    return value if any(isinstance(item, str) for item in items) else items
+    return float(item) if isinstance(item, str) and _NUMBER.fullmatch(item.strip()) else item
 
 
 def _reads_as(text: Value, value: object) -> bool:

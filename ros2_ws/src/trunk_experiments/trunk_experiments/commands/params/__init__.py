@@ -82,7 +82,7 @@ for _command in (show, set_values, apply):
 
 
 def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
-    from trunk_msgs_util.parameters.csv_parameters import listed
+    from trunk_msgs_util.parameters.declarations import listed
 
     from ...console.tables import print_table
     from ...plans.nodes import NODES
@@ -114,7 +114,7 @@ def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
 
 
 def _values(config: type[Any]) -> dict[str, Any]:
-    from trunk_msgs_util.parameters.csv_parameters import listed
+    from trunk_msgs_util.parameters.declarations import listed
 
     return {
         d.name: {

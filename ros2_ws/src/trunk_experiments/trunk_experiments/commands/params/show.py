@@ -69,7 +69,7 @@ def shown(layers: Iterable[Layer]) -> list[Shown]:
 
 def _declaration(section: Section, name: str) -> Declaration | None:
     """Return the declaration of a section's parameter: of the first of our nodes that has it."""
-    from trunk_msgs_util.parameters.csv_parameters import listed
+    from trunk_msgs_util.parameters.declarations import listed
 
     from ...plans.nodes import NODES
 

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 from textwrap import indent
 
 from trunk_control.rule_tables import Axes
-from trunk_msgs_util.parameters.csv_parameters import listed
-from trunk_msgs_util.parameters.declarations import Declaration
+from trunk_msgs_util.parameters.declarations import Declaration, listed
 
 from ...console.tables import aligned
 from ...plans.nodes import NODES
