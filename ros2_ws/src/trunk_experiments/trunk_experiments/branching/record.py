@@ -26,7 +26,6 @@ from trunk_msgs_util.source import process_id
 
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
-from ..recorded.message_stamps import message_stamps
 from ..recorded.run import AT, CHANGES, MADE_BY, OF, PARENT, RecordedRun
 from ..runs.engine import Engine
 from ..runs.offline_recording import OfflineRecorder, Progress, Within
@@ -97,7 +96,7 @@ class Past:
                 yield Rows(numbers[name], at, messages.log_time_ns[at], data)
 
     def _before(self, source: McapFile, messages: Messages, channels: Integers) -> Any:
-        stamps = message_stamps(source, messages, channels)
+        stamps = source.stamps(messages)
         stamped = [c for c in np.unique(channels).tolist() if source.type_of(c) in STAMPED]
         known = np.isin(channels, stamped)
         before = np.where(known, stamps < self._stamp_ns, messages.log_time_ns < self._log_ns)

@@ -22,8 +22,6 @@ from trunk_msgs_util.recording.messages import Messages
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import NANOSECONDS
 
-from ..recorded.message_stamps import message_stamps
-
 _CSV_ROWS = 8192  # written at a time
 
 
@@ -106,7 +104,7 @@ def write_mcap(
         schemas: dict[tuple[str, bytes], int] = {}
         for source, messages in recording.copies(wanted):
             number = messages.channels()
-            stamp_ns = message_stamps(source, messages, number)
+            stamp_ns = source.stamps(messages)
             is_parameters = np.array(
                 [source.channels[int(c)].topic == parameters for c in np.unique(number)]
             )[np.searchsorted(np.unique(number), number)]

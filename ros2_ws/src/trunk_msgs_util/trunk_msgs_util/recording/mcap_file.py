@@ -22,13 +22,13 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema, Statistics
 
 from ..errors import RecordingError
-from ..units import seconds
+from ..units import NANOSECONDS, seconds
 from .bag_folder import LONGEST_HEAD, other_format
 from .content import Content, chunk_head, chunk_records, record_offsets, split
 from .digests import DIGESTS, END, PROVENANCE
 from .limits import MAX_CHANNELS, MAX_CHUNK, MAX_METADATA, MAX_NAME, Budget, LimitError
 from .messages import HEAD, MAGIC
-from .topic import STAMPED, Topic
+from .topic import STAMP_SIZE, STAMPED, Topic, fields_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
@@ -513,6 +513,17 @@ class McapFile:
         """Return the message type of a channel."""
         schema = self.schemas.get(self.channels[channel].schema_id)
         return schema.name if schema else ""
+
+    def stamps(self, messages: Messages) -> Integers:
+        """Return each message's stamp in ns [N]: its header's, or else its log time."""
+        data, log, start, end = messages
+        number = messages.channels()
+        stamped = [c for c in np.unique(number).tolist() if self.type_of(c) in STAMPED]
+        rows = np.flatnonzero(np.isin(number, stamped) & (end - start >= STAMP_SIZE))
+        sec, nanosec = fields_of(type(messages)(data, log[rows], start[rows], end[rows]))
+        stamps = log.copy()
+        stamps[rows] = sec * NANOSECONDS + nanosec
+        return stamps
 
     def by_topic(
         self, content: Content, topics: Collection[str] | None = None
