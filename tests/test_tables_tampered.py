@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, content, write
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay.verdict import VERIFIED
@@ -14,7 +12,7 @@ from trunk_experiments.replay.verify import verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import Recording
 
-from .tampering.messages import PARAMETERS, TOPIC, parsed, store
+from .tampering.edits import PARAMETERS, at, every, fields, on, to
 
 SETTINGS = [
     "pid.reference.profile=interpolated",
@@ -37,51 +35,31 @@ def whole(tmp_path_factory):
     return path
 
 
-def one_ulp(value):
-    *first, last = value.double_array_value
-    value.double_array_value = np.array([*first, np.nextafter(last, np.inf)])
-
-
-def one_more(value):
-    value.integer_value += 1
-
-
-def hold(value):
-    value.string_value = "hold"
-
-
-def sequence(value):
-    value.string_value = "sequence"
+def one_ulp(values):
+    return np.array([*values[:-1], np.nextafter(values[-1], np.inf)])
 
 
 EDITS = {
-    "reference.values": one_ulp,
-    "reference.times": one_ulp,
-    "reference.profile": sequence,
-    "table.values": one_ulp,
-    "table.times": one_ulp,
-    "table.interpolation": hold,
-    "pulse.random_seed": one_more,
-    "pulse.random_count": one_more,
+    "reference.values": ("double_array_value", one_ulp),
+    "reference.times": ("double_array_value", one_ulp),
+    "reference.profile": ("string_value", to("sequence")),
+    "table.values": ("double_array_value", one_ulp),
+    "table.times": ("double_array_value", one_ulp),
+    "table.interpolation": ("string_value", to("hold")),
+    "pulse.random_seed": ("integer_value", lambda value: value + 1),
+    "pulse.random_count": ("integer_value", lambda value: value + 1),
 }
-
-
-def edit(name, messages):
-    for message in messages:
-        if message[TOPIC] == PARAMETERS:
-            event = parsed(message)
-            found = [one for one in event.new_parameters if one.name == name]
-            if found:
-                EDITS[name](found[0].value)
-                store(message, event)
-                return
-    raise AssertionError(name)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EDITS)
 def test_another_value_is_found(whole, tmp_path, name):
-    copy = copied(whole, tmp_path / "edited.mcap", partial(edit, name), digests=ANEW)
-    found = verify(copy).exit_code
+    field, change = EDITS[name]
+    edited = at(f"value.{field}", change)
+    alter = at("new_parameters.*", lambda given: edited(given) if given.name == name else given)
+    recorded = content(whole)
+    on(PARAMETERS, every, fields(alter))(recorded)
+    assert recorded != content(whole)
+    judged = verify(write(recorded, tmp_path / "edited.mcap", ANEW)).exit_code
     # An ULP of 0.2 s is less than half a nanosecond: the same stamps, and the same run.
-    assert (found == VERIFIED) == name.endswith("times")
+    assert (judged == VERIFIED) == name.endswith("times")

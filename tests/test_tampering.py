@@ -9,15 +9,15 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import content
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, KEPT, NONE, content
 
 from trunk_msgs_util.events import Event
 
 from .tampering.accepted_edits import ACCEPTED
 from .tampering.bases import OFFLINE, make_base
-from .tampering.event_edits import event_edits
+from .tampering.check import outcomes, sample
+from .tampering.edits import edits_of
 from .tampering.honest import offline_runs
-from .tampering.kit import ANEW, KEPT, NONE, copy_of, outcomes, sample
 
 
 @pytest.fixture(scope="module")
@@ -46,9 +46,9 @@ def test_every_edit_is_refused_or_listed(base, tmp_path, digests, share):
 
 def test_every_event_can_be_edited_and_added(base):
     found = content(base)
-    edits = list(event_edits(found))
+    edits = [edit for edit in edits_of(found) if edit.kind.startswith("event")]
     for one in edits:
-        one.apply(copy_of(found))
+        one.apply(found.copy())
     assert {f"simulator {word} half way" for word in Event} <= {one.name for one in edits}
 
 

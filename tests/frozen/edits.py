@@ -15,8 +15,8 @@ from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
 from trunk_msgs_util.recording.schemas import parse_event, parse_parameter_event
 
 from ..tampering.bases import BASES, make_base
-from ..tampering.check import _DURATION_S
-from ..tampering.kit import Outcome, copy_of, edits_of, outcome
+from ..tampering.check import _DURATION_S, Outcome, outcome
+from ..tampering.edits import edits_of
 from .caught import NUMBER, OTHER, PASSES, RAISES, Caught
 
 _LETTERS = {0: PASSES, 1: "d", 2: "c"}  # by exit code
@@ -50,7 +50,7 @@ def judged_edits(
             if names is None or name in names:
                 result = outcome(base, original, edit, ANEW, folder)
                 if result.exit_code is not None:
-                    edited = copy_of(original)
+                    edited = original.copy()
                     edit.apply(edited)
                     yield name, _caught(result, numbers_of(edited) != before)
 

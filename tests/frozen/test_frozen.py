@@ -19,7 +19,6 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import event, parameter_event
 
 from ..finished import finished
-from ..tampering.kit import copy_of
 from . import caught, verdicts
 from .caught import Caught
 from .check import ROOT, differences, frozen_runs
@@ -265,7 +264,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Content:
 def test_an_edit_of_a_number_is_known_by_what_it_changes(
     topic: str, edit: Callable[[list[list[Any]]], object], number: bool, eventful: Content
 ) -> None:
-    edited = copy_of(eventful)
+    edited = eventful.copy()
     messages = edited.of(topic)
     edited.messages = [message for message in edited.messages if message[0] != topic]
     edit(messages)
@@ -274,7 +273,7 @@ def test_an_edit_of_a_number_is_known_by_what_it_changes(
 
 
 def test_a_namespace_and_an_order_are_no_numbers(eventful: Content) -> None:
-    edited = copy_of(eventful)
+    edited = eventful.copy()
     for message in edited.messages:
         message[0] = f"/robot{message[0]}"
     edited.channels = {f"/robot{topic}": channel for topic, channel in edited.channels.items()}

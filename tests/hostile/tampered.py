@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Sequence
 from functools import partial
 from math import inf, nan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mcap.records import Schema
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import NONE, Content, content, write_file
+from rosbags.typesys import Stores, get_typestore
 
 from trunk_msgs_util.recording import schemas
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.topics import DIAGNOSTIC_ARRAY_TYPE, JOINT_STATE_TYPE
 
-TRUTH, SEEN = "/ground_truth/joint_states", "/joint_states"
-COMMAND, DISTURBANCE, STATE = "/effort_command", "/disturbance", "/pid/state"
-GIVEN, SAID = "/run/parameters", "/run/events"
+from ..tampering import edits
+from ..tampering.edits import at, dropped, each, every, fields, nth, on, renamed, stamp_ns, to, tree
+
+TRUTH, SEEN, COMMAND, DISTURBANCE = edits.TRUTH, edits.MEASURED, edits.COMMANDS, edits.DISTURBANCE
+GIVEN, SAID, STATE = edits.PARAMETERS, edits.EVENTS, edits.STATES[1]
 FAR_NS = (2**31 - 1) * 10**9
+NO = to(np.zeros(0))
 
 Rows = list[list[Any]]  # messages: topic, log time in ns, bytes, publish time in ns, sequence
 Change = Callable[[Content], Rows | None]
@@ -52,58 +56,30 @@ def joint_state(
     return layout.pack(JointSample(ns, layout.name, *values))
 
 
-def sample(data: bytes) -> dict[str, Any]:
-    """Return a JointState as the arguments of `joint_state`."""
-    message = schemas.deserialize(JOINT_STATE_TYPE, data)
-    return {
-        "ns": schemas.stamp_of(message.header.stamp),
-        "names": list(message.name),
-        "position": message.position.tolist(),
-        "velocity": message.velocity.tolist(),
-        "effort": message.effort.tolist(),
-    }
+def joints(topics: Sequence[str], alter: edits.Alter, pick: edits.Pick = every) -> Change:
+    """Return a change of JointState messages as trees."""
+    steps = [on(topic, pick, fields(alter, log_time=False)) for topic in topics]
+    return lambda run: [step(run) for step in steps] and None
 
 
-def joints(
-    topics: tuple[str, ...], change: Callable[[dict[str, Any], int], Any], run: Content
-) -> None:
-    """Change every message of some JointState topics, given as arguments and a running number."""
-    for topic in topics:
-        for i, row in enumerate(run.of(topic)):
-            arguments = sample(row[2])
-            change(arguments, i)
-            row[2] = joint_state(**arguments)
+def stamped(topics: Sequence[str], ns: Callable[[int], int], pick: edits.Pick = every) -> Change:
+    def stamp(time: Any) -> Any:
+        sec, nanosec = divmod(ns(schemas.stamp_of(time)), 10**9)
+        return schemas.build(time.__msgtype__, sec=sec, nanosec=nanosec)
+
+    return joints(topics, at("header.stamp", stamp), pick)
 
 
-def _without(quantity: str) -> Callable[[dict[str, Any], int], Any]:
-    return lambda a, i: a.update({quantity: []})
+def named(*names: str) -> edits.Alter:
+    return at("name", to(list(names)))
 
 
-def _renamed(*names: str) -> Callable[[dict[str, Any], int], Any]:
-    return lambda a, i: a.update({"names": list(names)[: len(a["names"])] or list(names)})
+def filled(quantity: str, value: float) -> edits.Alter:
+    return at(quantity, lambda values: np.full(len(values), value))
 
 
-def _set(quantity: str, value: float, at: int) -> Callable[[dict[str, Any], int], Any]:
-    def change(a: dict[str, Any], i: int) -> None:
-        if i == at:
-            a[quantity] = [value] * len(a[quantity])
-
-    return change
-
-
-def _stamped(ns: Callable[[int, int], int]) -> Callable[[dict[str, Any], int], Any]:
-    return lambda a, i: a.update({"ns": ns(a["ns"], i)})
-
-
-def dropped(topic: str, run: Content) -> Rows:
-    """Return all messages but a topic's."""
-    return [row for row in run.messages if row[0] != topic]
-
-
-def _garbage(topic: str, data: bytes, at: Callable[[int], bool], run: Content) -> None:
-    for i, row in enumerate(run.of(topic)):
-        if at(i):
-            row[2] = data
+def garbage(topic: str, data: bytes, pick: edits.Pick = every) -> Change:
+    return on(topic, pick, each(lambda row: row.__setitem__(2, data)))
 
 
 def _added(topic: str, data: bytes, run: Content) -> Rows:
@@ -131,16 +107,8 @@ def _parameter(node: str, name: str, value: Any) -> Callable[[Content], None]:
 
 
 def _no_status() -> bytes:
-    message = schemas.build(
-        DIAGNOSTIC_ARRAY_TYPE,
-        header=schemas.build(
-            "std_msgs/msg/Header",
-            stamp=schemas.build("builtin_interfaces/msg/Time", sec=0, nanosec=0),
-            frame_id="",
-        ),
-        status=[],
-    )
-    return schemas.serialize(DIAGNOSTIC_ARRAY_TYPE, message)
+    event = schemas.deserialize(DIAGNOSTIC_ARRAY_TYPE, schemas.event(0, "", ""))
+    return schemas.serialize(DIAGNOSTIC_ARRAY_TYPE, at("status", to([]))(event))
 
 
 def _typed(topic: str, kind: str, run: Content) -> None:
@@ -149,26 +117,24 @@ def _typed(topic: str, kind: str, run: Content) -> None:
     run.channels[topic].schema_id = number
 
 
-def _alternating(a: dict[str, Any], i: int) -> None:
-    keep = slice(i % 2, i % 2 + 1)
-    for key in ("names", "position", "velocity", "effort"):
-        a[key] = a[key][keep]
+def _alternating(run: Content) -> None:
+    for first in (0, 1):
+        one = at(
+            f"name {edits.QUANTITIES}", lambda part, first=first: part[first : first + 1].copy()
+        )
+        joints((TRUTH, SEEN), one, lambda messages, first=first: messages[first::2])(run)
+
+
+def _off_the_period(run: Content) -> None:
+    for topic in _EVERY:
+        for i in range(len(run.of(topic))):
+            stamped((topic,), lambda ns, i=i: ns + i * 7, nth(i))(run)
 
 
 def _big_endian(run: Content) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
     for row in run.of(TRUTH):
-        a = sample(row[2])
-        data = b"\0\0\0\0" + struct.pack(">iI", *divmod(a["ns"], 10**9)) + struct.pack(">I", 1)
-        data += b"\0\0\0\0" + struct.pack(">I", len(a["names"]))
-        for name in a["names"]:
-            data += bytes(-(len(data) - 4) % 4) + struct.pack(">I", len(name) + 1)
-            data += name.encode() + b"\0"
-        for quantity in ("position", "velocity", "effort"):
-            values = a[quantity]
-            data += bytes(-(len(data) - 4) % 4) + struct.pack(">I", len(values))
-            data += bytes(-(len(data) - 4) % 8) if values else b""
-            data += struct.pack(f">{len(values)}d", *values)
-        row[2] = data
+        row[2] = bytes(store.serialize_cdr(tree(row), JOINT_STATE_TYPE, little_endian=False))
 
 
 def _not_utf8(run: Content) -> None:
@@ -183,53 +149,42 @@ def _arm(run: Content) -> Rows:
     ]
 
 
-def _unknown_controller(run: Content) -> None:
-    channel = run.channels.pop(STATE)
-    channel.topic = "/strange/state"
-    run.channels[channel.topic] = channel
-    for row in run.of(STATE):
-        row[0] = channel.topic
-
-
 _EVERY = (TRUTH, SEEN, COMMAND, DISTURBANCE)
 _CHANGES: dict[str, Change] = {
     **{
-        f"{topic.strip('/').replace('/', '.')} without {quantity}": partial(
-            joints, (topic,), _without(quantity)
+        f"{topic.strip('/').replace('/', '.')} without {quantity}": joints(
+            (topic,), at(quantity, NO)
         )
         for topic in (SEEN, TRUTH)
-        for quantity in ("position", "velocity", "effort")
+        for quantity in edits.QUANTITIES.split()
     },
-    "commands without effort": partial(joints, (COMMAND,), _without("effort")),
-    "terms without position": partial(joints, (STATE,), _without("position")),
-    "disturbance without effort": partial(joints, (DISTURBANCE,), _without("effort")),
-    "measured joints renamed": partial(joints, (SEEN,), _renamed("a", "b")),
-    "true joints renamed": partial(joints, (TRUTH,), _renamed("a", "b")),
-    "command's joint renamed": partial(joints, (COMMAND,), _renamed("elbow")),
-    "all joints renamed": partial(joints, _EVERY, _renamed("a", "b")),
-    "true joints swapped": partial(joints, (TRUTH,), _renamed("trunk", "hip")),
-    "both joints of one name": partial(joints, (TRUTH, SEEN), _renamed("trunk", "trunk")),
-    "joints without a name": partial(joints, (TRUTH,), _renamed("", "")),
+    "commands without effort": joints((COMMAND,), at("effort", NO)),
+    "terms without position": joints((STATE,), at("position", NO)),
+    "disturbance without effort": joints((DISTURBANCE,), at("effort", NO)),
+    "measured joints renamed": joints((SEEN,), named("a", "b")),
+    "true joints renamed": joints((TRUTH,), named("a", "b")),
+    "command's joint renamed": joints((COMMAND,), named("elbow")),
+    "all joints renamed": joints(_EVERY, at("name", lambda names: ["a", "b"][: len(names)])),
+    "true joints swapped": joints((TRUTH,), named("trunk", "hip")),
+    "both joints of one name": joints((TRUTH, SEEN), named("trunk", "trunk")),
+    "joints without a name": joints((TRUTH,), named("", "")),
     "names that are not UTF-8": _not_utf8,
-    "more names than values": partial(
-        joints, (TRUTH,), lambda a, i: a.update({"names": ["hip", "trunk", "knee"]})
-    ),
-    "no names at all": partial(joints, (TRUTH,), lambda a, i: a.update({"names": []})),
-    "three joints": partial(
-        joints,
+    "more names than values": joints((TRUTH,), named("hip", "trunk", "knee")),
+    "no names at all": joints((TRUTH,), named()),
+    "three joints": joints(
         (TRUTH, SEEN),
-        lambda a, i: a.update(
-            {key: [*a[key], a[key][0]] for key in ("position", "velocity", "effort")}
-            | {"names": ["hip", "trunk", "knee"]}
+        lambda v: at(edits.QUANTITIES, lambda q: np.append(q, q[:1]))(
+            named("hip", "trunk", "knee")(v)
         ),
     ),
-    "one joint a message": partial(joints, (TRUTH, SEEN), _alternating),
+    "one joint a message": _alternating,
     **{
-        f"no {topic.strip('/')}": partial(dropped, topic) for topic in (*_EVERY, STATE, GIVEN, SAID)
+        f"no {topic.strip('/')}": on(topic, every, dropped)
+        for topic in (*_EVERY, STATE, GIVEN, SAID)
     },
     "nothing but true states": lambda run: run.of(TRUTH),
     "only the first state": lambda run: [
-        row for row in run.messages if row[0] not in (*_EVERY, STATE) or sample(row[2])["ns"] == 0
+        row for row in run.messages if row[0] not in (*_EVERY, STATE) or stamp_ns(tree(row)) == 0
     ],
     "another joint parameter": _parameter("/pid", "joint", "elbow"),
     "another hip parameter": _parameter("/pid", "hip_joint", "knee"),
@@ -270,36 +225,34 @@ _CHANGES: dict[str, Change] = {
     "a reset far from now": lambda run: _added(
         SAID, schemas.event(FAR_NS, "/simulator", "reset"), run
     ),
-    "one true state of garbage": partial(_garbage, TRUTH, b"\0\1\0\0garbage", lambda i: i == 7),
-    "every other true state of garbage": partial(_garbage, TRUTH, b"\xff" * 40, lambda i: i % 2),
-    "all true states of garbage": partial(_garbage, TRUTH, b"\xff" * 40, lambda i: True),
-    "one command of garbage": partial(_garbage, COMMAND, b"\0\1", lambda i: i == 7),
-    "terms of garbage": partial(_garbage, STATE, b"", lambda i: True),
+    "one true state of garbage": garbage(TRUTH, b"\0\1\0\0garbage", nth(7)),
+    "every other true state of garbage": garbage(TRUTH, b"\xff" * 40, lambda m: m[1::2]),
+    "all true states of garbage": garbage(TRUTH, b"\xff" * 40),
+    "one command of garbage": garbage(COMMAND, b"\0\1", nth(7)),
+    "terms of garbage": garbage(STATE, b""),
     "true states of another type": partial(_typed, TRUTH, "std_msgs/msg/String"),
     "true states of no type": partial(_typed, TRUTH, ""),
     "parameters of another type": partial(_typed, GIVEN, "std_msgs/msg/String"),
     "big-endian true states": _big_endian,
-    "a true state that is NaN": partial(joints, (TRUTH,), _set("position", nan, 5)),
-    "a true state that is infinite": partial(joints, (TRUTH,), _set("position", inf, 5)),
-    "a true state of 1e300": partial(joints, (TRUTH,), _set("position", 1e300, 5)),
-    "a command that is NaN": partial(joints, (COMMAND,), _set("effort", nan, 5)),
-    "a measured rate of 1e308": partial(joints, (SEEN,), _set("velocity", 1e308, 5)),
-    "all true states NaN": partial(
-        joints, (TRUTH,), lambda a, i: a.update({"position": [nan, nan]})
-    ),
+    "a true state that is NaN": joints((TRUTH,), filled("position", nan), nth(5)),
+    "a true state that is infinite": joints((TRUTH,), filled("position", inf), nth(5)),
+    "a true state of 1e300": joints((TRUTH,), filled("position", 1e300), nth(5)),
+    "a command that is NaN": joints((COMMAND,), filled("effort", nan), nth(5)),
+    "a measured rate of 1e308": joints((SEEN,), filled("velocity", 1e308), nth(5)),
+    "all true states NaN": joints((TRUTH,), filled("position", nan)),
     **{
-        f"a stamp of 2^31 - 1 s in {topic.strip('/')}": partial(
-            joints, (topic,), _stamped(lambda ns, i: FAR_NS if i == 20 else ns)
-        )
+        f"a stamp of 2^31 - 1 s in {topic.strip('/')}": stamped((topic,), to(FAR_NS), nth(20))
         for topic in (*_EVERY, STATE)
     },
-    "stamps before zero": partial(joints, _EVERY, _stamped(lambda ns, i: ns - 2 * 10**9)),
-    "equal stamps": partial(joints, _EVERY, _stamped(lambda ns, i: 0)),
-    "stamps backwards": partial(joints, _EVERY, _stamped(lambda ns, i: 2 * 10**9 - ns)),
-    "stamps off the period": partial(joints, _EVERY, _stamped(lambda ns, i: ns + i * 7)),
+    "stamps before zero": stamped(_EVERY, lambda ns: ns - 2 * 10**9),
+    "equal stamps": stamped(_EVERY, to(0)),
+    "stamps backwards": stamped(_EVERY, lambda ns: 2 * 10**9 - ns),
+    "stamps off the period": _off_the_period,
     "log times of 2^63 - 1": lambda run: [[row[0], 2**63 - 1, *row[2:]] for row in run.messages],
     "an arm with seven joints": _arm,
-    "a controller nobody knows": _unknown_controller,
+    "a controller nobody knows": partial(
+        renamed, lambda name: name.replace(STATE, "/strange/state")
+    ),
     "the reverse order": lambda run: run.messages[::-1],
 }
 

@@ -7,25 +7,104 @@ run is accused.
 from __future__ import annotations
 
 import os
+import random
 import re
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from itertools import chain
 from multiprocessing import get_context
 from pathlib import Path
+from typing import NamedTuple
 
-from trunk_experiments.replay.verify import VERIFIED
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, KEPT, NONE, Content, content, write
 
-from .accepted_edits import ACCEPTED, pattern_for
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_msgs_util.recording.reader import RecordingError
+
+from .accepted_edits import ACCEPTED, pattern_for, reason_for
 from .bases import BASES, OFFLINE, make_base
+from .edits import Edit, edits_of
 from .honest import graph_runs, offline_runs
-from .kit import DIGESTS, Outcome, outcomes
 
+DIGESTS = (KEPT, ANEW, NONE)
 _PARTS = 8  # of each recording's edits, so that all cores have work
 _DURATION_S = {OFFLINE: 0.12, "lockstep": 0.3, "real_time": 0.3}
+
+
+class Outcome(NamedTuple):
+    """What became of one edit."""
+
+    base: str
+    edit: Edit
+    digests: str
+    exit_code: int | None  # None: the edit changes nothing in this recording
+    reason: str  # why it may pass; empty: it must not
+    raised: str = ""
+
+    @property
+    def name(self) -> str:
+        """Which edit of which recording, as the list of those let pass has it."""
+        return f"{self.base}: {self.edit.kind}: {self.edit.name}"
+
+    @property
+    def wrong(self) -> str:
+        """What is wrong with the outcome; empty: nothing."""
+        if self.raised:
+            return f"verify raised {self.raised}"
+        if self.exit_code == VERIFIED and not self.reason:
+            return "verified"
+        return ""
+
+
+def outcome(base: str, found: Content, edit: Edit, digests: str, folder: Path) -> Outcome:
+    """Apply an edit to a copy, write it and let `verify` judge it."""
+    edited = found.copy()
+    done = edit.apply(edited)
+    if done is False or edited == found:
+        return Outcome(base, edit, digests, None, "")
+    name = f"{base}: {edit.kind}: {edit.name}"
+    reason = reason_for(name) if digests == ANEW else ""
+    path = folder / "edited.mcap"
+    try:
+        code = verify(write(edited, path, digests)).exit_code
+    except RecordingError as error:  # refused as a whole: another arithmetic
+        code = error.exit_code
+    except Exception as error:  # whatever it is: that is what is looked for
+        return Outcome(base, edit, digests, 1, reason, f"{type(error).__name__}: {error}")
+    return Outcome(base, edit, digests, code, reason)
+
+
+def outcomes(
+    base: str,
+    path: Path,
+    folder: Path,
+    digests: tuple[str, ...] = DIGESTS,
+    chosen: Callable[[Edit], bool] = lambda _: True,
+) -> Iterator[Outcome]:
+    """Yield what becomes of every edit of a recording."""
+    found = content(path)
+    for edit in edits_of(found):
+        if chosen(edit):
+            for kind in digests:
+                yield outcome(base, found, edit, kind, folder)
+
+
+def sample(share: float, seed: int = 1) -> Callable[[Edit], bool]:
+    """Return a choice of edits, the same each time: each sort once, and a share of the others."""
+    rng = random.Random(seed)
+    seen: set[tuple[str, str]] = set()
+
+    def chosen(edit: Edit) -> bool:
+        _, comma, what = edit.name.rpartition(", ")
+        sort = edit.kind, what if comma else ""
+        first = share and sort not in seen
+        seen.add(sort)
+        return bool(first) or rng.random() < share
+
+    return chosen
 
 
 class Row(Counter[str]):

@@ -211,6 +211,17 @@ class Content:
     attachments: list[tuple[str, bytes]] = field(default_factory=list)
     summed_up: dict[str, str] = field(default_factory=dict)  # the summary as it was
 
+    def copy(self):
+        """Return a copy whose parts can be changed."""
+        return replace(
+            self,
+            messages=[list(message) for message in self.messages],
+            metadata=[(name, dict(values)) for name, values in self.metadata],
+            channels=dict(self.channels),
+            schemas=dict(self.schemas),
+            attachments=list(self.attachments),
+        )
+
     def of(self, topic):
         """Return the messages of a topic."""
         return [message for message in self.messages if message[0] == topic]
