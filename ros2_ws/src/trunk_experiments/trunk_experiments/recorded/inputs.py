@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.recording.joint_table import Floats, Integers
+from trunk_msgs_util.recording.joint_table import QUANTITIES, Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
+from trunk_msgs_util.source import sources_of_inputs
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.links import Traffic
 from trunk_sim.operator_input import Applied
@@ -80,15 +81,20 @@ class RecordedInputs:
     def _read_sources(self, run: RecordedRun, table: JointTable) -> None:
         if not len(table):
             return
-        if table.names != NAMES or any(table.width(q) != 5 for q in ("position", "velocity")):
+        parts = [sources_of_inputs(frame) for frame in table.frames]
+        widths = [table.width(quantity) for quantity in QUANTITIES]
+        if table.names != NAMES or widths != [5, 5, 0] or None in parts:
             raise RecordingError(
                 f"{run.path}: {topics.PLANT_INPUTS}: not as a simulator writes it: it cannot be recomputed"
             )
-        parts = [(*frame.split(" "), "", "", "")[:3] for frame in table.frames]
-        names = dict.fromkeys([NO_SOURCE, *(name for part in parts for name in part)])
+        names = dict.fromkeys(
+            [NO_SOURCE, *(name or NO_SOURCE for part in parts for name in part or ())]
+        )
         self.sources = tuple(names)
         places = {name: place for place, name in enumerate(names)}
-        self._of_frame = np.array([[places[name] for name in part] for part in parts])
+        self._of_frame = np.array(
+            [[places[name or NO_SOURCE] for name in part or ()] for part in parts]
+        )
 
     def over(self, rows: slice) -> InForce:
         """Return the inputs of some of the states."""
@@ -112,6 +118,19 @@ class RecordedInputs:
             disturbance_ns,
             source[:, 2],
         )
+
+    def ages(self, rows: slice, force: InForce) -> tuple[Floats, Floats]:
+        """Return the inputs' ages on record [n, 5], ns, and as a simulator writes them for ``force``."""
+        stamps = self._stamps[rows]
+        ages = np.column_stack(
+            [
+                np.where(ns >= 0, stamps - ns, -1)
+                for ns in (force.command_ns, *[force.disturbance_ns] * 4)
+            ]
+        ).astype(np.float64)
+        if self._table is None or not len(self._table):
+            return ages, ages
+        return self._table.values("velocity")[self._table.rows_of(stamps, self._rows)], ages
 
     def _by_stamp(self, stamps: Integers) -> InForce:
         force = _nothing_known(len(stamps))
@@ -172,15 +191,22 @@ def _whole(age: Floats) -> Integers:
 
 
 def operated_of(run: RecordedRun) -> Operated:
-    """Return an operator's pushes and limits. Raises RecordingError for messages that cannot be read so."""
+    """Return an operator's pushes and limits. Raises RecordingError for messages that cannot be read so.
+
+    A simulator without limits publishes none, and no other node's act.
+    """
     if not (run.count(topics.OPERATOR_PUSH) and "simulator" in run.parameters):
         return Operated((), None)
     try:
         limits = run.config("simulator").operator_limits
     except ParameterError as error:
         raise RecordingError(f"{run.path}: {error}") from None
+    if limits is None:
+        return Operated((), None)
     table = run.table(topics.OPERATOR_PUSH)
-    if table.width("effort") != 2 or (np.diff(table.stamp_ns) <= 0).any():
+    rows = simulator_of(run).rows(table)
+    stamps = table.stamp_ns[rows]
+    if table.width("effort") != 2 or (np.diff(stamps) <= 0).any():
         raise RecordingError(f"{run.path}: {table.topic}: not as a simulator writes it")
-    values = map(Applied._make, table.values("effort").tolist())
-    return Operated(tuple(zip(table.stamp_ns.tolist(), values, strict=True)), limits)
+    values = map(Applied._make, table.values("effort")[rows].tolist())
+    return Operated(tuple(zip(stamps.tolist(), values, strict=True)), limits)

@@ -73,7 +73,8 @@ class Process:
 
     def _frames(self, table: JointTable) -> list[int]:
         """Return which frames of a topic are this process's; that of an input begins with its source."""
-        frames = [frame.partition(" ")[0] for frame in table.frames]
+        inputs = table.topic == topics.PLANT_INPUTS
+        frames = [frame.partition(" ")[0] if inputs else frame for frame in table.frames]
         return [place for place, source in enumerate(frames) if source == self.source]
 
     def sent_all(self, table: JointTable) -> bool:

@@ -18,6 +18,7 @@ from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
 from trunk_msgs_util.recording.joint_table import Column, JointTable
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
+from trunk_msgs_util.source import source_in
 from trunk_msgs_util.topics import EXTERNAL
 
 if TYPE_CHECKING:
@@ -220,6 +221,19 @@ class RecordedRun:
             self._filled = self.recording.filled()
         return self._filled.pop(topic) if topic in self._filled else self.recording.joints(topic)
 
+    def is_ours(self, relative: str, frame: str) -> bool:
+        """Return False for a message of somebody else's node, which has no source.
+
+        Who copied a state's whole header has the simulator's. In simulated time nobody has one.
+        """
+        if not self.real_time:
+            return not (self.external and relative == topics.EFFORT_COMMAND)
+        source = frame.partition(" ")[0] if relative == topics.PLANT_INPUTS else frame
+        copied = relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE)
+        return bool(source_in(source)) and not (
+            copied and any(source == process.source for process in self.processes("simulator"))
+        )
+
     def _meant(self, table: JointTable) -> JointTable:
         """Return the messages that nodes of ours took, by the sources that they have."""
         if table.topic == topics.JOINT_STATES:
@@ -227,9 +241,9 @@ class RecordedRun:
         if table.topic == topics.EFFORT_COMMAND and self.external and self._plants_joint:
             table = table.efforts_on(self._plants_joint)
         if self.real_time and table.topic in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
-            # Who copied a state's whole header, the simulator's source included, has none.
-            simulators = {process.source for process in self.processes("simulator")}
-            table.frames = tuple("" if frame in simulators else frame for frame in table.frames)
+            table.frames = tuple(
+                frame if self.is_ours(table.topic, frame) else "" for frame in table.frames
+            )
         return table
 
     @property

@@ -108,7 +108,13 @@ def check_inputs(run: RecordedRun, rerun: Rerun, until_ns: int | None = None) ->
             rerun,
             processes,
         )
-        columns = [*command_columns, *disturbance_columns, *rule.columns(here, force)]
+        ages = (
+            ComparedColumn(topics.PLANT_INPUTS, f"velocity[{name}]", recorded, written)
+            for name, recorded, written in zip(
+                topics.INPUT_NAMES, *(part.T for part in inputs.ages(rows, force)), strict=True
+            )
+        )
+        columns = [*command_columns, *disturbance_columns, *ages, *rule.columns(here, force)]
         check.take(here, inputs.command_known[rows] & commanded & known, columns)
     return check
 

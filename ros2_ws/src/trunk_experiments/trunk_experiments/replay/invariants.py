@@ -8,6 +8,7 @@ digest.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,13 +17,15 @@ from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.completeness import OF_STATES, OF_STATES_IN_REAL_TIME, Account
 from trunk_msgs_util.events import ENDS, Event
-from trunk_msgs_util.units import seconds, step_count
+from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
+from trunk_msgs_util.recording.joint_table import QUANTITIES
+from trunk_msgs_util.units import nanoseconds, seconds, step_count
 from trunk_sim.links import Traffic
-from trunk_sim.operator_input import Applied
 
 from ..plans.nodes import CONTROLLERS
 from ..recorded.processes import Process, is_whole
 from ..recorded.turns import idle_ns
+from .late import late_steps
 from .parameter_invariants import mode_contradictions, parameter_contradictions
 
 if TYPE_CHECKING:
@@ -47,6 +50,7 @@ def contradictions(run: RecordedRun, rerun: Rerun) -> list[str]:
         *parameter_contradictions(run),
         *mode_contradictions(run, rerun),
         *_pushes(run, rerun),
+        *_branch(run),
         *_links(run, rerun),
         *(
             f"run/events: {name} was to become {'active' if on else 'inactive'} at "
@@ -65,11 +69,11 @@ def _joints(run: RecordedRun) -> Iterator[str]:
         named = () if config is None else getattr(config, "joints", None) or (config.joint,)
         if not set(named) <= set(joints):
             yield f"{node}: {', '.join(named)}: the simulator's joints are {', '.join(joints)}"
-    every = ("position", "velocity", "effort")
     known = [name for name in run.controllers if name in CONTROLLERS and name in run.parameters]
     expected = {
-        topics.GROUND_TRUTH: (joints, every),
-        topics.JOINT_STATES: (joints, every),
+        topics.GROUND_TRUTH: (joints, QUANTITIES),
+        topics.JOINT_STATES: (joints, QUANTITIES),
+        topics.PLANT_INPUTS: (topics.INPUT_NAMES, ("position", "velocity")),
         topics.DISTURBANCE: (joints, ("position", "effort")),
         topics.OPERATOR_PUSH: (joints, ("effort",)),
         topics.EFFORT_COMMAND: ((run.config(known[0]).joint,) if known else None, ("effort",)),
@@ -79,21 +83,19 @@ def _joints(run: RecordedRun) -> Iterator[str]:
         },
     }
     for relative, (names, quantities) in expected.items():
-        table = run.table(relative) if run.count(relative) else None
-        if table is None or names is None or (relative == topics.DISTURBANCE and run.real_time):
+        topic = run.recording.topics.get(run.recording.topic(relative))
+        if topic is None or names is None:
             continue
-        if table.names != names:
-            yield (
-                f"{relative} names {', '.join(table.names) or 'nothing'}; "
-                f"by the parameters it must be {', '.join(names)}"
-            )
-        for quantity in every:
-            wanted = len(table.names) if quantity in quantities else 0
-            if table.width(quantity) != wanted:
-                yield (
-                    f"{relative}: {table.width(quantity)} values of {quantity} in a message, "
-                    f"a node writes {wanted}"
-                )
+        position, velocity, effort = (len(names) * (q in quantities) for q in QUANTITIES)
+        wanted = JointStateLayout(names, position, velocity, effort)
+        for layout in topic.layouts:
+            if run.is_ours(relative, layout.frame_id) and replace(layout, frame_id="") != wanted:
+                yield f"{relative}: {_described(layout)}; by the parameters it must be {_described(wanted)}"
+
+
+def _described(layout: JointStateLayout) -> str:
+    counts = (f"{getattr(layout, q)} of {q}" for q in QUANTITIES)
+    return f"{', '.join(layout.name) or 'nothing'} with {', '.join(counts)}"
 
 
 def _start_and_end(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
@@ -236,13 +238,19 @@ def _beyond(stamps: Integers, known: Integers, ahead_ns: int) -> Integers:
     return odd[odd != int(known.max(initial=-1)) + ahead_ns] if ahead_ns else odd
 
 
+_OF_SIMULATOR = (
+    *(Event.STARTED, Event.PAUSED, Event.RESUMED, Event.FELL, Event.CONNECTED, Event.DISCONNECTED),
+    *(Event.PASSED_ON, Event.FINISHED, Event.STOPPED),
+)
+
+
 def _falls(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     """Yield falls whose angle is not that of their state, or whose limit is not the one in force."""
     truth = run.table(topics.GROUND_TRUTH)
     timeline = run.timeline("simulator")
     simulator = run.recording.topic("simulator")
     for event in run.events:
-        if event.message == Event.FELL and event.node != simulator:
+        if event.message in _OF_SIMULATOR and event.node != simulator:
             yield f"run/events: {event.message!r} of {event.node}, which is not the simulator"
     for event in rerun.simulator.events:
         if event.message != Event.FELL or event.stamp_ns not in truth:
@@ -259,22 +267,26 @@ def _falls(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
 
 def _pushes(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     """Yield pushes that no simulator with this run's parameters takes."""
-    if not run.count(topics.OPERATOR_PUSH):
-        return
     prefix = f"{topics.OPERATOR_PUSH}: "
-    limits = rerun.simulator.config.operator_limits
-    table = run.table(topics.OPERATOR_PUSH)
-    if limits is None:
-        yield f"{prefix}{len(table)} messages, but operator.force and operator.torque are 0"
-        return
-    odd = np.setdiff1d(table.stamp_ns, rerun.stamps)
+    pushes, limits = run.operated.pushes, rerun.simulator.config.operator_limits
+    odd = np.setdiff1d([stamp_ns for stamp_ns, _ in pushes], rerun.stamps)
     if len(odd):
         yield f"{prefix}a message at t = {seconds(int(odd[0])):g} s, where there is no state"
-    efforts = table.values("effort").tolist()
-    for stamp_ns, values in zip(table.stamp_ns.tolist(), efforts, strict=True):
-        if len(values) != 2 or limits.clip(Applied._make(values)) != tuple(values):
+    for stamp_ns, applied in pushes:
+        if limits is not None and limits.clip(applied) != applied:
             at = seconds(stamp_ns)
             yield f"{prefix}what acts from t = {at:g} s on is beyond the operator's limits"
+
+
+def _branch(run: RecordedRun) -> Iterator[str]:
+    """Yield that a branch of a real-time run, which goes on in lock-step, has late steps."""
+    since_ns = nanoseconds(run.branch.at) if run.branch else 0
+    late = late_steps(run, since_ns) if run.branch else None
+    if late is not None and late.late:
+        yield (
+            f"{late.late} of {late.steps} steps from t = {seconds(since_ns):g} s on are late; "
+            "a branch answers every state at once"
+        )
 
 
 def _links(run: RecordedRun, rerun: Rerun) -> Iterator[str]:

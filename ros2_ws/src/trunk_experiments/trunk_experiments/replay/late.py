@@ -22,7 +22,7 @@ class Late(NamedTuple):
     steps: int
 
 
-def late_steps(run: RecordedRun) -> Late | None:
+def late_steps(run: RecordedRun, since_ns: int = 0) -> Late | None:
     """Return how many steps were made without the answer to their state; None where time was exact.
 
     A step is in time if the command in force answers its state or, where a controller answers only some
@@ -33,6 +33,7 @@ def late_steps(run: RecordedRun) -> Late | None:
     if not run.real_time or "simulator" not in run.parameters:
         return None
     stamps = np.unique(run.table(topics.GROUND_TRUTH).stamp_ns)[:-1]
+    stamps = stamps[stamps >= since_ns]
     inputs = RecordedInputs(run, stamps)
     force = inputs.over(slice(None))
     periods = {name: run.config(name).period_ns for name in run.judgeable}

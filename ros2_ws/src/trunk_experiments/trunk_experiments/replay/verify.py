@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator
+
 import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import PACKAGE, packages_of_laws, page_of, unrepeatable
+from trunk_msgs_util.recording.digests import DIGESTS, END, PROVENANCE
 from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.schemas import describes
+from trunk_msgs_util.recording.topic import STAMPED
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, NODES, unknown_controllers
@@ -49,7 +55,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
     verdict = Verdict()
     silent = silence(run).removeprefix("SILENT: ")
     verdict.obstacles += filter(None, [silent, recording.unfinished, *recording.further_warnings])
-    verdict.obstacles += recording.seen_otherwise
+    verdict.obstacles += [*recording.seen_otherwise, *_ambiguous(recording)]
     verdict.altered = recording.alterations()
     verdict.notes += [run.branch.describe()] if run.branch else []
     if page := page_of(recording.provenance):
@@ -77,6 +83,19 @@ def verdict_on(run: RecordedRun) -> Verdict:
         f"{kind} is the node {recording.topic(kind)}" for kind in sorted(recording.renamed)
     ]
     return verdict
+
+
+def _ambiguous(recording: Recording) -> Iterator[str]:
+    """Yield what other readers may take otherwise: a record of ours that comes twice, fields of a message."""
+    for file in recording.opened:
+        counts = Counter(name for name, _ in file.metadata_records)
+        for name in (PROVENANCE, END, DIGESTS):
+            if counts[name] > 1:
+                yield f"{counts[name]} records {name}: other readers may take any of them"
+        texts = {(schema.name, schema.data) for schema in file.schemas.values() if schema.data}
+        for name, text in sorted(texts):
+            if name in STAMPED and not describes(text, name):
+                yield f"the schema of {name} has other fields than the type: other readers see others"
 
 
 def _unjudgeable(run: RecordedRun) -> str:

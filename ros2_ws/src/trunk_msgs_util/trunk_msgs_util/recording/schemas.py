@@ -5,6 +5,7 @@ Uses rosbags' store of Jazzy's types, loaded on first use, and `cdr`, which is e
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -69,6 +70,21 @@ def definition(type_name: str) -> bytes:
         raise ValueError(f"ROS 2 Jazzy has no message type {type_name!r}")
     text, _ = _store().generate_msgdef(type_name, ros_version=2)
     return text.encode()
+
+
+def describes(text: bytes, type_name: str) -> bool:
+    """Return True if a ``ros2msg`` text has a type's fields; comments and the order of nested types are free.
+
+    Raises ValueError for an unknown type.
+    """
+    ours, theirs = (
+        [
+            [*filter(None, part.split(b"\n"))]
+            for part in re.split(rb"\n=+\n", re.sub(rb"#[^\n]*|[ \t\r]|\bmsg/", b"", each))
+        ]
+        for each in (definition(type_name), text)
+    )
+    return ours[0] == theirs[0] and sorted(ours) == sorted(theirs)
 
 
 @cache

@@ -61,7 +61,8 @@ class Topic:
     overflowing: int = field(default=0, compare=False)  # their nanoseconds make a second or more
     _previous_ns: int | None = field(default=None, repr=False, compare=False)
     unreadable: str = ""  # a message that cannot be read, and why: none is read
-    _kinds: set[JointStateLayout] = field(default_factory=set, repr=False, compare=False)
+    # Of a JointState topic's messages, in the order of the file, each with its frame:
+    layouts: dict[JointStateLayout, None] = field(default_factory=dict, repr=False, compare=False)
     _names: set[str] = field(default_factory=set, repr=False, compare=False)
 
     @property
@@ -104,10 +105,10 @@ class Topic:
 
     def _take_layouts(self, parts: list[Piece], count: int, size: int) -> None:
         """Raise LimitError where a table of the messages would take more than these themselves."""
-        new = {part.layout for part in parts} - self._kinds
-        self._kinds |= new
+        new = [part.layout for part in parts if part.layout not in self.layouts]
+        self.layouts |= dict.fromkeys(new)
         self._names.update(name for layout in new for name in layout.name)
-        if len(self._kinds) > MAX_LAYOUTS:
+        if len(self.layouts) > MAX_LAYOUTS:
             raise LimitError(f"its messages have more than {MAX_LAYOUTS} layouts")
         if len(self._names) > MAX_JOINTS:
             raise LimitError(f"its messages name more than {MAX_JOINTS} joints")
