@@ -15,7 +15,9 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_table import QUANTITIES, Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.source import sources_of_inputs
+from trunk_msgs_util.units import held, nanoseconds, seconds
 from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbances import CHANNELS, Signals, pulse
 from trunk_sim.links import Traffic
 from trunk_sim.operator_input import Applied
 
@@ -24,8 +26,11 @@ from .processes import simulator_of
 from .turns import exact_from_ns, idle_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from trunk_msgs_util.recording.joint_table import JointTable
 
+    from ..plans.timeline import Timeline
     from .run import RecordedRun
 
 Bools: TypeAlias = NDArray[np.bool_]
@@ -210,3 +215,93 @@ def operated_of(run: RecordedRun) -> Operated:
         raise RecordingError(f"{run.path}: {table.topic}: not as a simulator writes it")
     values = map(Applied._make, table.values("effort")[rows].tolist())
     return Operated(tuple(zip(stamps.tolist(), values, strict=True)), limits)
+
+
+class Pulse(NamedTuple):
+    """A span of time in which a pulse acts: ``start <= t < end`` in s, magnitude in the channel's unit."""
+
+    start: float
+    end: float
+    channel: str
+    magnitude: float
+
+
+def pulses_of(run: RecordedRun, in_force: bool = True) -> list[Pulse]:
+    """Return the spans in which a pulse acted, or by its messages was to act if not ``in_force``.
+
+    A table whose values are held makes pulses too: each value that is not zero is one.
+    Raises RecordingError for messages that cannot be read so, ParameterError for parameters.
+    """
+    stamps = told = run.series({topics.DISTURBANCE: ()}).popitem()[1].stamp_ns
+    if in_force and run.count(topics.PLANT_INPUTS):
+        stamps, told = _in_force(run)
+    return sorted(p for at in (_pulse_at, _held_at) for p in _windows(run, stamps, told, at))
+
+
+def idle_pulses(run: RecordedRun) -> list[Pulse]:
+    """Return the pulses of a real-time run of which no message was in force; raises as `pulses_of`."""
+    stamps, told = _in_force(run)
+    last_ns = stamps.max(initial=-1)
+    spans = [(nanoseconds(p.start), nanoseconds(p.end), p) for p in pulses_of(run, in_force=False)]
+    return [
+        pulse
+        for start, end, pulse in spans
+        if start <= last_ns and not ((start <= told) & (told < end)).any()
+    ]
+
+
+def _in_force(run: RecordedRun) -> tuple[Integers, Integers]:
+    """Return the stamps of the states, and those of the disturbances in force in them, ns."""
+    stamps = np.unique(run.table(topics.GROUND_TRUTH).stamp_ns)
+    return stamps, RecordedInputs(run, stamps).over(slice(None)).disturbance_ns
+
+
+def _pulse_at(stamp_ns: int, s: Signals) -> tuple[int, float]:
+    return s.pulse_channel, pulse(stamp_ns, s.pulse_starts, s.pulse_duration, s.pulse_magnitude)
+
+
+def _held_at(stamp_ns: int, s: Signals) -> tuple[int, float]:
+    if s.table_linear or not s.table_times:
+        return s.table_channel, 0.0
+    return s.table_channel, held(stamp_ns, s.table_times, s.table_values, 0.0)
+
+
+def _windows(
+    run: RecordedRun,
+    stamps: Integers,
+    told: Integers,
+    at: Callable[[int, Signals], tuple[int, float]],
+) -> Iterator[Pulse]:
+    """Yield the windows of stamps in which a signal, which is constant in pieces, is not zero.
+
+    ``told``: the stamp of the message that acts at each stamp, ns; -1: none.
+    """
+    timeline = run.timeline("disturbance")
+    signals = timeline.config.signals
+    open_since: tuple[int, int, float] | None = None
+    part = np.searchsorted(sorted({0, *_edges(run.timeline("disturbance"))}), told, "right")
+    rows = np.flatnonzero(np.diff(part, prepend=-1))
+    for stamp_ns, told_ns in zip(stamps[rows].tolist(), told[rows].tolist(), strict=True):
+        if timeline.advance(told_ns):
+            signals = timeline.config.signals
+        channel, value = at(told_ns, signals) if told_ns >= 0 else (-1, 0.0)
+        if open_since is not None and (channel, value) != open_since[1:]:
+            start, before, magnitude = open_since
+            yield Pulse(seconds(start), seconds(stamp_ns), CHANNELS[before], magnitude)
+            open_since = None
+        if value != 0.0 and open_since is None:
+            open_since = stamp_ns, channel, value
+    if open_since is not None:
+        start, before, magnitude = open_since
+        yield Pulse(seconds(start), seconds(int(stamps[-1])), CHANNELS[before], magnitude)
+
+
+def _edges(timeline: Timeline) -> set[int]:
+    """Return the times, ns, at which pulses and held values may change; they are constant in between."""
+    edges: set[int] = set()
+    for change_ns in (-1, *(change.stamp_ns for change in timeline.to_come)):
+        timeline.advance(change_ns + 1)
+        signals = timeline.config.signals
+        ends = (start + signals.pulse_duration for start in signals.pulse_starts)
+        edges |= {change_ns + 1, *signals.pulse_starts, *ends, *signals.table_times}
+    return edges

@@ -212,6 +212,8 @@ def refused(run: RecordedRun, whole: bool = True) -> Iterator[str]:
     if whole:
         with suppress(TrunkError):  # messages that cannot be read are reported elsewhere
             yield from stamp_doubts(run)
+        with suppress(TrunkError):
+            yield from _idle(run)
     reasons: dict[tuple[str, str], str] = {}
     counts: dict[tuple[str, str], int] = {}
     for event in run.events:
@@ -227,6 +229,16 @@ def refused(run: RecordedRun, whole: bool = True) -> Iterator[str]:
         count = counts.get((node, kind), -1)
         number = str(count) if count >= 0 else "some"
         yield f"{word}: {node}: {number} {kind}: {why}"
+
+
+def _idle(run: RecordedRun) -> Iterator[str]:
+    """Yield the pulses of a real-time run that never acted."""
+    if run.real_time and run.count(topics.PLANT_INPUTS) and "disturbance" in run.parameters:
+        from ..recorded.inputs import idle_pulses  # with the plant: an exact run needs none
+
+        for pulse in idle_pulses(run):
+            span = f"t = {pulse.start:g} to {pulse.end:g} s"
+            yield f"NOT IN FORCE: disturbance: {pulse.magnitude:g} on {pulse.channel}, {span}, never acted"
 
 
 _SILENT_S = 1.0  # at a run's end: a busy machine holds a controller up for less

@@ -14,9 +14,10 @@ from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.config import SimulatorConfig
 
 from ..analysis.parameter_text import changed_parameters
+from ..recorded.inputs import Pulse
 from .own_terms import OwnTerm, gains_told, own_terms, values_of_term
 from .packing import Columns, packed, packed_columns
-from .run_view import INPUTS, Pulse, RunView, labels, off_scale
+from .run_view import INPUTS, RunView, labels, off_scale
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_table import Floats

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -16,35 +16,24 @@ from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.units import held, seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
-from trunk_sim.disturbances import CHANNELS, Signals, pulse
 
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS
+from ..recorded.inputs import Pulse, pulses_of
 from ..recorded.name import name_of_run, place_of
 from ..recorded.run import RecordedRun
 from ..recorded.turns import Turn, recorded_turns
 
 if TYPE_CHECKING:
     from trunk_msgs_util.parameters.declarations import Value
-    from trunk_msgs_util.recording.joint_table import Column, Floats, Integers, JointTable
+    from trunk_msgs_util.recording.joint_table import Column, Floats, JointTable
 
-    from ..plans.timeline import Timeline
 
 GAINS = ("kp", "ki", "kd", "alpha")
 INPUTS: tuple[Column, ...] = (("position", "error"), ("position", "error_rate"))  # of the inference
 _TURNS_IN_TITLE = 4  # more are not spelled out
-
-
-class Pulse(NamedTuple):
-    """A span of time in which a pulse acts: ``start <= t < end`` in s, magnitude in the channel's unit."""
-
-    start: float
-    end: float
-    channel: str
-    magnitude: float
 
 
 @dataclass(frozen=True)
@@ -111,9 +100,7 @@ class RunView:
             controllers=controllers,
             simulator=cast("SimulatorConfig | None", config("simulator")),
             disturbance=disturbance,
-            pulses=tuple(_pulses(run, run.series({topics.DISTURBANCE: ()}).popitem()[1].stamp_ns))
-            if disturbance
-            else (),
+            pulses=tuple(pulses_of(run)) if disturbance else (),
             turns=recorded_turns(run),
             warnings=tuple(warnings),
         )
@@ -183,58 +170,6 @@ def own_terms_of(controller: str) -> tuple[str, ...]:
 def tells_gains(controller: str) -> bool:
     """Return True if a law's terms are a PID's: gains and their shares."""
     return set(GAINS) <= set(law_named(controller).terms._fields)
-
-
-def _pulses(run: RecordedRun, stamps: Integers) -> list[Pulse]:
-    """Return the windows of stamps in which a pulse acted, with parameter changes applied.
-
-    A table whose values are held makes pulses too: each value that is not zero is one.
-    """
-    return sorted([*_windows(run, stamps, _pulse_at), *_windows(run, stamps, _held_at)])
-
-
-def _pulse_at(stamp_ns: int, s: Signals) -> tuple[int, float]:
-    return s.pulse_channel, pulse(stamp_ns, s.pulse_starts, s.pulse_duration, s.pulse_magnitude)
-
-
-def _held_at(stamp_ns: int, s: Signals) -> tuple[int, float]:
-    if s.table_linear or not s.table_times:
-        return s.table_channel, 0.0
-    return s.table_channel, held(stamp_ns, s.table_times, s.table_values, 0.0)
-
-
-def _windows(
-    run: RecordedRun, stamps: Integers, at: Callable[[int, Signals], tuple[int, float]]
-) -> Iterator[Pulse]:
-    """Yield the windows of stamps in which a signal, which is constant in pieces, is not zero."""
-    timeline = run.timeline("disturbance")
-    signals = timeline.config.signals
-    open_since: tuple[int, int, float] | None = None
-    rows = np.searchsorted(stamps, [0, *sorted(_edges(run.timeline("disturbance")))])
-    for stamp_ns in stamps[np.unique(rows[rows < len(stamps)])].tolist():
-        if timeline.advance(stamp_ns):
-            signals = timeline.config.signals
-        channel, value = at(stamp_ns, signals)
-        if open_since is not None and (channel, value) != open_since[1:]:
-            start, before, magnitude = open_since
-            yield Pulse(seconds(start), seconds(stamp_ns), CHANNELS[before], magnitude)
-            open_since = None
-        if value != 0.0 and open_since is None:
-            open_since = stamp_ns, channel, value
-    if open_since is not None:
-        start, before, magnitude = open_since
-        yield Pulse(seconds(start), seconds(int(stamps[-1])), CHANNELS[before], magnitude)
-
-
-def _edges(timeline: Timeline) -> set[int]:
-    """Return the times, ns, at which pulses and held values may change; they are constant in between."""
-    edges: set[int] = set()
-    for change_ns in (-1, *(change.stamp_ns for change in timeline.to_come)):
-        timeline.advance(change_ns + 1)
-        signals = timeline.config.signals
-        ends = (start + signals.pulse_duration for start in signals.pulse_starts)
-        edges |= {change_ns + 1, *signals.pulse_starts, *ends, *signals.table_times}
-    return edges
 
 
 def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = None) -> list[str]:
