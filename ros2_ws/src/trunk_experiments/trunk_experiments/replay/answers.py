@@ -12,12 +12,15 @@ from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.joint_table import Floats, Integers
+from trunk_msgs_util.recording.reader import RecordingError
 
 from ..recorded.inputs import Bools
 from ..recorded.processes import Process, UnorderedError
 from ..recorded.run import RecordedRun
 from ..runs.states import TERMS
 from .checks import MISSING, UNEXPECTED, Check, ComparedColumn, Difference
+
+_MOST = 50  # processes: a double holds a bit for each that acts
 
 
 class Answers:
@@ -182,7 +185,14 @@ def _anew(process: Process, period_ns: int) -> Iterator[int]:
 def answers_of(
     run: RecordedRun, processes: Sequence[Process], period_ns: int
 ) -> tuple[dict[str, Answers], list[Check]]:
-    """Return the answers of each process by a label of its own, and the checks of those without order."""
+    """Return the answers of each process by a label of its own, and the checks of those without order.
+
+    Raises RecordingError for more processes than a run can have.
+    """
+    if len(processes) > _MOST:
+        raise RecordingError(
+            f"{run.path}: {len(processes)} processes of controllers: at most {_MOST} are run again"
+        )
     answers: dict[str, Answers] = {}
     refused: list[Check] = []
     counts: Counter[str] = Counter()

@@ -344,7 +344,7 @@ def moved_deg(run: RecordedRun) -> float | None:
     from ..runs.states import POSITION
 
     truth = run.table(topics.GROUND_TRUTH)
-    if len(truth) > LONGEST_TWIN:
+    if not 0 < len(truth) <= LONGEST_TWIN or truth.width("position") != 2:
         return None
     angles = truth.values("position")[np.argsort(truth.stamp_ns, kind="stable")][:, 1]
     worst = 0.0

@@ -90,12 +90,13 @@ def _task(view: RunView) -> dict[str, Value]:
     for node, values in view.parameters.items():
         if node in CONTROLLERS:
             task |= _chosen("controller", values, _OF_CONTROLLER)
+    later: dict[str, list[object]] = {}
     for change in view.recording.parameter_changes():
         node = view.recording.relative(change.node)
         role = "controller" if node in CONTROLLERS else node
         for name, value in _chosen(role, change.changed, _LATER.get(role, ())).items():
-            task[name] = f"{task.get(name)!r}, {change.stamp_ns}: {value!r}"
-    return task
+            later.setdefault(name, [task.get(name)]).append((change.stamp_ns, value))
+    return {**task, **{name: str(values) for name, values in later.items()}}
 
 
 def _chosen(role: str, values: Mapping[str, Value], begins: tuple[str, ...]) -> dict[str, Value]:
