@@ -88,18 +88,14 @@ def _disorder(relative: str, stamps: Integers) -> list[str]:
     return [f"{relative}: stamps go backwards, {there_and_back}"]
 
 
-def _strangers(run: RecordedRun) -> list[str]:
-    """Return the inputs of the plant that no node of ours sent, so that no law is known for them."""
-    lines = []
-    taken = {topics.EFFORT_COMMAND} if run.external else set()  # they have a row of their own
-    for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
-        if relative in taken:
-            continue
-        table = run.table(relative)
-        strange = [place for place, frame in enumerate(table.frames) if "@" not in frame]
-        if count := int(np.isin(table.frame, strange).sum()):
-            lines.append(f"{relative}: {count} messages of somebody else's node")
-    return lines
+def strangers(run: RecordedRun, relative: str) -> list[str]:
+    """Return, for a topic of a real-time run, that nodes of somebody else's published on it."""
+    if not run.real_time:
+        return []
+    table = run.table(relative)
+    strange = [i for i, frame in enumerate(table.frames) if not run.is_ours(relative, frame)]
+    count = int(np.isin(table.frame, strange).sum())
+    return [f"{relative}: {count} messages of somebody else's node"] if count else []
 
 
 def unjudged(run: RecordedRun) -> list[str]:
@@ -110,7 +106,9 @@ def unjudged(run: RecordedRun) -> list[str]:
     ]
     if not run.exact:
         lines.append("when commands and disturbances arrived: the wall clock decides that")
-    lines += _strangers(run) if run.real_time else []
+    if not run.external:  # its commands have a row of their own
+        lines += strangers(run, topics.EFFORT_COMMAND)
+    lines += strangers(run, topics.DISTURBANCE)
     if any(run.recording.topic(name) in run.recording.topics for name in topics.PICTURES):
         lines.append(f"the picture ({', '.join(topics.PICTURES)}): covered by digests alone")
     if run.another_controller:

@@ -22,7 +22,7 @@ from ..recorded.processes import Process, is_whole
 from ..recorded.run import RecordedRun
 from ..recorded.turns import acts
 from .checks import describe
-from .completeness import missing, restarted, unjudged
+from .completeness import missing, restarted, strangers, unjudged
 from .doubts import silence
 from .in_force import check_disturbances, check_inputs
 from .invariants import contradictions, without_commands
@@ -152,6 +152,9 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         verdict.obstacles.append(rivals)
         for check in rerun.checks:
             check.excuse(rivals)
+    for line in strangers(run, topics.JOINT_STATES):  # what a controller made of them is not known
+        for check in (rerun.unattributed, *(answers.check for answers in rerun.answers.values())):
+            check.excuse(line)
     for answers in rerun.answers.values():
         settle(run, answers.process, [answers.check])
         if not is_whole(run, answers.process):
