@@ -69,6 +69,14 @@ def test_how_far_the_angle_was_moved(tmp_path, monkeypatch):
     assert doubts_of(RecordedRun.open(path)).lines == [LATE + ADVICE]
 
 
+def test_a_run_without_states_has_none_that_moved(tmp_path):
+    def empty(messages):
+        messages[:] = [m for m in messages if m[0] != "/ground_truth/joint_states"]
+
+    copied(in_real_time(tmp_path / "a.mcap"), tmp_path / "b.mcap", empty, ANEW)
+    assert doubts_of(RecordedRun.open(tmp_path / "b.mcap")).moved_deg is None
+
+
 @pytest.mark.slow
 def test_a_run_that_departs_from_lockstep_is_marked_even_if_no_command_was_late(tmp_path):
     run = RecordedRun.open(in_real_time(tmp_path / "a.mcap"))

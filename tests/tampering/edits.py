@@ -25,6 +25,7 @@ from trunk_msgs_util.units import NANOSECONDS
 
 TRUTH, MEASURED, COMMANDS = "/ground_truth/joint_states", "/joint_states", "/effort_command"
 DISTURBANCE, EVENTS, PARAMETERS = "/disturbance", "/run/events", "/run/parameters"
+INPUTS = "/plant/inputs"  # in real time
 STATES = ("/fuzzy_pid/state", "/pid/state")
 LOOP = (TRUTH, MEASURED, COMMANDS, DISTURBANCE, *STATES)
 TYPES = {EVENTS: DIAGNOSTIC_ARRAY_TYPE, PARAMETERS: PARAMETER_EVENT_TYPE}  # others: JointState
@@ -48,7 +49,7 @@ class Edit(NamedTuple):
 def edits_of(recorded: Content) -> Iterator[Edit]:
     """Yield every edit of a recording that there is."""
     stamps = [stamp_ns(tree(message)) for message in recorded.of(TRUTH)]
-    for topic in LOOP:
+    for topic in (*LOOP, INPUTS):
         for message in recorded.of(topic)[:1]:
             yield from _joint_edits(topic, tree(message), stamps[1])
     seen = set()
@@ -223,6 +224,8 @@ _NUMBERS: Mapping[str, Callable[[float], float]] = {
     "sign": lambda v: -v,
     "NaN": to(nan),
     "infinite": to(inf),
+    "+ 0.25": lambda v: v + 0.25,  # a part of a ns, of an age
+    "to -77": to(-77.0),
 }
 
 
@@ -245,6 +248,7 @@ _JOINT_STATES: dict[str, Alter] = {
     "times 0.1": at(QUANTITIES, lambda values: 0.1 * values),
     "other sign": at(QUANTITIES, lambda values: -values),
 }
+_FRAMES: dict[str, Alter] = {"frame_id": to("map"), "a word more": lambda frame: f"{frame} more"}
 _HEADS: tuple[tuple[str, Pick, str, tuple[int, ...], int], ...] = (
     ("log times", PLACES["middle"], "one log time + 1 ns", (LOG,), 1),
     ("log times", PLACES["middle"], "one log time + 1 s", (LOG,), NANOSECONDS),
@@ -290,8 +294,9 @@ def _joint_edits(topic: str, sample: Any, period: int) -> Iterator[Edit]:
         for what, alter in _JOINT_STATES.items():
             name = f"{topic} {which} {what}"
             yield Edit("names and quantities", name, on(topic, pick, fields(alter)))
-        framed = fields(at("header.frame_id", to("map")))
-        yield Edit("frame", f"{topic} {which} frame_id", on(topic, pick, framed))
+        for what, change in _FRAMES.items():
+            framed = fields(at("header.frame_id", change))
+            yield Edit("frame", f"{topic} {which} {what}", on(topic, pick, framed))
     for which, pick in {**PLACES, "all": every}.items():
         for what, by_ns in {"1 ns": 1, "a period": period, "a day": 86_400 * NANOSECONDS}.items():
             name = f"{topic} {which} stamp{'s' * (which == 'all')} + {what}"
@@ -501,8 +506,17 @@ _CHANNELS = {
     "metadata": ("metadata", to({"more": "1"})),
     "without schema": ("schema_id", to(0)),
 }
+
+
+def _swapped(text: bytes) -> bytes:
+    """Return a definition in which other readers take positions for velocities."""
+    parts = text.split(b"position")
+    return b"velocity".join(part.replace(b"velocity", b"position") for part in parts)
+
+
 _SCHEMAS = {
     "text": ("data", lambda data: data + b"\n# more"),
+    "fields": ("data", _swapped),
     "name": ("name", lambda name: name + "2"),
     "encoding": ("encoding", to("ros1msg")),
 }
@@ -546,6 +560,8 @@ def _file_edits(recorded: Content) -> Iterator[Edit]:
         one = (record, dict(recorded.values(record)))
         yield Edit(kind, "no record", lambda f, one=one: f.metadata.remove(one))
         yield Edit(kind, "record doubled", lambda f, one=one: f.metadata.append(one))
+        other = (record, {key: f"{value}1" for key, value in one[1].items()})
+        yield Edit(kind, "another record besides", lambda f, o=other: f.metadata.append(o))
         yield Edit(kind, "a key more", lambda f, r=record: f.values(r).update(more="1"))
     for name, record in {"": "note", " at the end": "late note"}.items():
         note = (record, {"verified": "yes"})

@@ -6,14 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, content, copied
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, content, copied, write
 
 from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
+from trunk_experiments.recorded.inputs import pulses_of
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay import answers
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.doubts import doubts_of
+from trunk_experiments.replay.doubts import doubts_of, refused
+from trunk_experiments.replay.late import late_steps
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
+from trunk_experiments.replay.verify import verdict_on as verdict_of
 from trunk_experiments.runs import engine
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
@@ -27,7 +31,18 @@ from trunk_msgs_util.recording.schemas import (
 )
 
 from .. import real_time
-from ..real_time import INPUTS, changed, frame_of, in_frame, late_inputs, record_real_time, stamp_at
+from ..real_time import (
+    INPUTS,
+    changed,
+    frame_of,
+    in_frame,
+    late_inputs,
+    record_real_time,
+    source_of,
+    stamp_at,
+)
+from ..tampering.check import outcome
+from ..tampering.edits import edits_of
 from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of, without
 
 TERMS, PARAMETERS, EVENTS = "/pid/state", "/run/parameters", "/run/events"
@@ -174,15 +189,12 @@ def rename(source):
 
 
 ROWS = {
-    "a command that is changed": edit_row(put("position", 0.25)),
     "a command that is dropped": edit_row(drop),
     "a source that is renamed": edit_row(rename("pid@machine-2")),
     "a source that is left out": edit_row(rename("-")),
     "another age": edit_row(put("velocity", 3.0 * H)),
     "an age from the future": edit_row(put("velocity", -2.0 * H)),
-    "an age between two states": edit_row(put("velocity", 0.5 * H)),
     "a row that is removed": without(slice(60, 61), INPUTS),
-    "a row that is doubled": lambda m: m.append(list(of(m, INPUTS)[60])),
     "all rows": without(slice(None), INPUTS),
 }
 
@@ -193,6 +205,102 @@ ROWS = {
 def test_no_edit_of_what_acted_is_verified(name, edit, request, tmp_path):
     source = request.getfixturevalue(name)
     assert verdict_on(source, tmp_path / "a.mcap", edit).exit_code != VERIFIED
+
+
+@pytest.mark.slow
+@pytest.mark.one_in(4)
+@pytest.mark.parametrize("part", range(8))
+@pytest.mark.parametrize("topic", [INPUTS, DISTURBANCE])
+def test_edits_of_what_acted_and_was_to_act_are_caught_or_listed(late, topic, part, tmp_path):
+    recorded = content(late)
+    edits = [edit for edit in edits_of(recorded) if edit.name.startswith(f"{topic} ")]
+    assert len(edits) > 80
+    found = [outcome("real_time", recorded, each, ANEW, tmp_path) for each in edits[part::8]]
+    assert [each.name for each in found if each.wrong] == []
+
+
+def test_a_pulse_that_was_told_and_never_acted_is_said(tmp_path):
+    """Its messages are older ones' in force: `plot` shades what acted."""
+    steps = np.arange(201)
+    held = late_inputs(plan_of(*PULSE), 0, np.where((steps >= 100) & (steps < 120), steps - 99, 0))
+    record_real_time(plan_of(*PULSE), tmp_path / "run.mcap", held)
+    run = RecordedRun.open(tmp_path / "run.mcap")
+    (said,) = refused(run)
+    assert said == "NOT IN FORCE: disturbance: 5 on trunk_effort, t = 0.5 to 0.6 s, never acted"
+    assert (pulses_of(run), verdict_of(run).exit_code) == ([], VERIFIED)
+
+
+def test_pulses_are_shown_where_they_acted(in_time, late):
+    (told,), (acted,) = (pulses_of(RecordedRun.open(path)) for path in (in_time, late))
+    assert (told.start, told.end) == (0.5, 0.6)
+    assert (acted.start, acted.end) != (0.5, 0.6)
+    assert list(refused(RecordedRun.open(late))) == []
+
+
+@pytest.mark.parametrize(("name", "code"), [("in_time", VERIFIED), ("late", DIVERGES)])
+def test_a_branch_answers_every_state_at_once(name, code, request, tmp_path):
+    branch = {"branch_of": "0" * 64, "branch_parent": "a", "branch_at": "0", "branch_changes": "-"}
+    source = request.getfixturevalue(name)
+    assert (
+        verify(copied(source, tmp_path / "a.mcap", digests=ANEW, provenance=branch)).exit_code
+        == code
+    )
+
+
+def test_a_strangers_pushes_accuse_nobody(in_time, tmp_path):
+    recorded = content(in_time)
+    recorded.channels["/operator/push"] = replace(
+        recorded.channels[COMMAND], topic="/operator/push"
+    )
+    pushes = [["/operator/push", *message[1:]] for message in recorded.of(COMMAND)[:5]]
+    recorded.messages += [[*m[:2], in_frame(m[2], ""), *m[3:]] for m in pushes]
+    assert verify(write(recorded, tmp_path / "a.mcap", ANEW)).exit_code == VERIFIED
+
+
+@pytest.mark.parametrize(("states", "code"), [(0, DIVERGES), (1, UNJUDGED)])
+def test_what_controllers_made_of_a_strangers_states_is_not_known(tmp_path, states, code):
+    """One from the far future made two controllers take their turns at once."""
+    record_real_time(plan_of(swaps=[Swap(0.5, "fuzzy_pid")]), tmp_path / "run.mcap")
+
+    def edit(messages):
+        turned = event(300_000_000, "/pid", Event.DEACTIVATED, source=source_of("pid"))
+        messages.append([EVENTS, 300_000_000, turned, 300_000_000, 0])
+        for message in of(messages, STATE)[:states]:
+            far = changed(message[2], lambda joints: setattr(joints.header.stamp, "sec", 1000))
+            messages.append([STATE, message[1], in_frame(far, ""), *message[3:]])
+
+    end = {"complete": "false", "reason": "another node publishes states, too"}
+    verdict = verdict_on(tmp_path / "run.mcap", tmp_path / "a.mcap", edit, end)
+    assert verdict.exit_code == code, verdict.reasons
+
+
+def test_which_of_two_equal_disturbances_was_in_force_is_not_known(in_time, tmp_path):
+    def older(row):
+        row.velocity = np.array([row.velocity[0], *[1.0 * H] * 4])
+
+    path = tmp_path / "a.mcap"
+    assert verdict_on(in_time, path, edit_row(older)).exit_code == VERIFIED
+    assert late_steps(RecordedRun.open(path)).late == 1
+
+
+def test_a_fall_left_out_with_its_limit_raised_is_the_same_motion(tmp_path):
+    for angle in ("0.01", "3.0"):
+        path = tmp_path / f"{angle}.mcap"
+        record_real_time(plan_of(f"simulator.fall.angle={angle}"), path)
+        assert verify(Recording.open(path)).exit_code == VERIFIED
+    fell, stood = (RecordedRun.open(tmp_path / f"{angle}.mcap") for angle in ("0.01", "3.0"))
+    assert [e.message for e in fell.events].count(Event.FELL) == 1
+    assert (
+        fell.table("joint_states").values("position")
+        == stood.table("joint_states").values("position")
+    ).all()
+
+
+def test_too_many_processes_are_not_run_again(in_time, monkeypatch):
+    monkeypatch.setattr(answers, "_MOST", 0)
+    verdict = verify(Recording.open(in_time))
+    assert verdict.exit_code == UNJUDGED
+    assert "1 processes of controllers: at most 0 are run again" in verdict.obstacles
 
 
 def test_a_late_run_is_doubtful_and_how_far_it_was_moved_is_known(in_time, late):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from dataclasses import replace
 
 import pytest
 from click.testing import CliRunner
@@ -13,7 +14,10 @@ from trunk_experiments.analysis.metrics import QUANTITIES, metrics
 from trunk_experiments.analysis.parameter_text import differing_texts
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.cli import trunk
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.compare import best_of, compare, differing_parameters
 from trunk_experiments.views.report import make_report
 from trunk_experiments.views.report_page import render
@@ -178,6 +182,17 @@ def test_runs_of_different_tasks_are_not_ranked(short_run, runs, scenario, files
     assert "* " not in said
     assert "**NOT RANKED" in invoke(*paths, "--markdown").splitlines()[0]
     assert differs in json.loads(invoke(*paths, "--json"))["different_tasks"]
+
+
+def test_a_parameter_may_change_often_in_a_task(tmp_path):
+    """Each change was once quoted in the next: sixty would have filled any memory."""
+    plan = make_plan("fig6", "pid", everywhere={"duration": 0.1})
+    changes = [Change(k * 1_000_000, {"plant.length": 1.0 + k / 100}) for k in range(60)]
+    paths = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    for path, count in zip(paths, (60, 59), strict=True):
+        record_offline(replace(plan, changes={"simulator": changes[:count]}), path)
+    tasks = compare([RunView.read(RecordedRun.open(path)) for path in paths]).tasks
+    assert tasks == ("simulator.plant.length",)
 
 
 @pytest.mark.slow
