@@ -92,7 +92,7 @@ class Run:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What makes the numbers doubtful, one line each: SILENT, INCOMPLETE, FELL, LATE."""
+        """What makes the numbers doubtful, one line each: SILENT, INCOMPLETE, FELL, NOT IN FORCE, LATE."""
         return self._doubts[0]
 
     @cached_property

@@ -232,21 +232,21 @@ def pulses_of(run: RecordedRun, in_force: bool = True) -> list[Pulse]:
     A table whose values are held makes pulses too: each value that is not zero is one.
     Raises RecordingError for messages that cannot be read so, ParameterError for parameters.
     """
-    stamps = told = run.series({topics.DISTURBANCE: ()}).popitem()[1].stamp_ns
+    stamps = acting = run.series({topics.DISTURBANCE: ()}).popitem()[1].stamp_ns
     if in_force and run.count(topics.PLANT_INPUTS):
-        stamps, told = _in_force(run)
-    return sorted(p for at in (_pulse_at, _held_at) for p in _windows(run, stamps, told, at))
+        stamps, acting = _in_force(run)
+    return sorted(p for at in (_pulse_at, _held_at) for p in _windows(run, stamps, acting, at))
 
 
 def idle_pulses(run: RecordedRun) -> list[Pulse]:
     """Return the pulses of a real-time run of which no message was in force; raises as `pulses_of`."""
-    stamps, told = _in_force(run)
+    stamps, acting = _in_force(run)
     last_ns = stamps.max(initial=-1)
     spans = [(nanoseconds(p.start), nanoseconds(p.end), p) for p in pulses_of(run, in_force=False)]
     return [
         pulse
         for start, end, pulse in spans
-        if start <= last_ns and not ((start <= told) & (told < end)).any()
+        if start <= last_ns and not ((start <= acting) & (acting < end)).any()
     ]
 
 
@@ -269,22 +269,22 @@ def _held_at(stamp_ns: int, s: Signals) -> tuple[int, float]:
 def _windows(
     run: RecordedRun,
     stamps: Integers,
-    told: Integers,
+    acting: Integers,
     at: Callable[[int, Signals], tuple[int, float]],
 ) -> Iterator[Pulse]:
     """Yield the windows of stamps in which a signal, which is constant in pieces, is not zero.
 
-    ``told``: the stamp of the message that acts at each stamp, ns; -1: none.
+    ``acting``: the stamp of the message that acts at each stamp, ns; -1: none.
     """
     timeline = run.timeline("disturbance")
     signals = timeline.config.signals
     open_since: tuple[int, int, float] | None = None
-    part = np.searchsorted(sorted({0, *_edges(run.timeline("disturbance"))}), told, "right")
+    part = np.searchsorted(sorted({0, *_edges(run.timeline("disturbance"))}), acting, "right")
     rows = np.flatnonzero(np.diff(part, prepend=-1))
-    for stamp_ns, told_ns in zip(stamps[rows].tolist(), told[rows].tolist(), strict=True):
-        if timeline.advance(told_ns):
+    for stamp_ns, message_ns in zip(stamps[rows].tolist(), acting[rows].tolist(), strict=True):
+        if timeline.advance(message_ns):
             signals = timeline.config.signals
-        channel, value = at(told_ns, signals) if told_ns >= 0 else (-1, 0.0)
+        channel, value = at(message_ns, signals) if message_ns >= 0 else (-1, 0.0)
         if open_since is not None and (channel, value) != open_since[1:]:
             start, before, magnitude = open_since
             yield Pulse(seconds(start), seconds(stamp_ns), CHANNELS[before], magnitude)

@@ -86,7 +86,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
 
 
 def _ambiguous(recording: Recording) -> Iterator[str]:
-    """Yield what other readers may take otherwise: a record of ours that comes twice, fields of a message."""
+    """Tell what other readers may see otherwise: records that come twice, fields by their schema."""
     for file in recording.opened:
         counts = Counter(name for name, _ in file.metadata_records)
         for name in (PROVENANCE, END, DIGESTS):
