@@ -151,6 +151,7 @@ ACCEPTED: tuple[tuple[str, str], ...] = (
             r"(sequence|publish time|log time|one deleted too"
             r"|order of parameters|to the end).*"
             rf"|{_ANY}: parameters' message: \w+, set, stamp .*"
+            r"|real_time: parameters' message: disturbance, set, doubled"
         ),
         "when a set of parameters was received, and how it is written",
     ),
