@@ -109,11 +109,7 @@ def each(change: Callable[[Message], object]) -> Step:
 
 def heads(places: Sequence[int], by: int) -> Step:
     """Add to times or sequence numbers of messages."""
-    return each(lambda message: [add(message, place, by) for place in places])
-
-
-def add(message: Message, place: int, by: int) -> None:
-    message[place] += by
+    return each(lambda m: [m.__setitem__(place, m[place] + by) for place in places])
 
 
 def fields(alter: Alter, log_time: bool = True) -> Step:
@@ -329,12 +325,9 @@ def _other_node(node: str) -> str:
     return "/pid" if node != "/pid" else "/fuzzy_pid"
 
 
-def _pair(key: str, value: str) -> Any:
-    return schemas.build("diagnostic_msgs/msg/KeyValue", key=key, value=value)
-
-
+_MORE = schemas.build("diagnostic_msgs/msg/KeyValue", key="more", value="1")
 _EVENTS: dict[str, Alter] = {
-    "a value more": at("status.0.values", lambda pairs: [*pairs, _pair("more", "1")]),
+    "a value more": at("status.0.values", lambda pairs: [*pairs, _MORE]),
     "of another node": at("status.0.name", _other_node),
     "of an unknown node": at("status.0.name", to("/other")),
     "another level": at("status.0.level", lambda level: level + 1),
@@ -394,13 +387,9 @@ def _edits_of_events(stamps: list[int]) -> Iterator[Edit]:
         recorded.messages.insert(where + 1, [EVENTS, truth[LOG], event, truth[LOG], 0])
         renumbered(recorded)
 
-    yield Edit("events", "all removed", on(EVENTS, every, dropped, renumbered))
-    for node in _NODES:
-        gone = on(EVENTS, partial(of, f"/{node}", ""), dropped, renumbered)
-        yield Edit("events", f"all of {node} removed", gone)
-    for word in Event:
-        gone = on(EVENTS, partial(of, "", word), dropped, renumbered)
-        yield Edit("events", f"all {word} removed", gone)
+    gone = {"all": every, **{f"all of {node}": partial(of, f"/{node}", "") for node in _NODES}}
+    for name, pick in {**gone, **{f"all {word}": partial(of, "", word) for word in Event}}.items():
+        yield Edit("events", f"{name} removed", on(EVENTS, pick, dropped, renumbered))
     for node in _NODES:
         for word in Event:
             for place, row in {"half way": len(stamps) // 2, "at the end": len(stamps) - 1}.items():
@@ -571,13 +560,6 @@ def _file_edits(recorded: Content) -> Iterator[Edit]:
     yield from _runs()
 
 
-def kept(wanted: Callable[[Message], bool]) -> Callable[[Content], None]:
-    def apply(recorded: Content) -> None:
-        recorded.messages = [message for message in recorded.messages if wanted(message)]
-
-    return apply
-
-
 def _modes(now: str) -> Iterator[Edit]:
     def wall_clock(recorded: Content) -> None:
         heads((LOG, PUBLISH), 1_700_000_000 * NANOSECONDS)(recorded, recorded.messages)
@@ -590,21 +572,24 @@ def _modes(now: str) -> Iterator[Edit]:
         node = message[TOPIC] == PARAMETERS and parse_parameter_event(message[DATA]).node
         return of_nodes(message) or node == "/recorder"
 
+    def without(which: Callable[[Message], bool], recorded: Content) -> None:
+        recorded.messages = [message for message in recorded.messages if not which(message)]
+
     def in_simulated_time(recorded: Content) -> None:
-        kept(lambda m: not of_recorder(m))(recorded)
+        without(of_recorder, recorded)
         for message in recorded.messages:
             message[LOG] = message[PUBLISH] = max(stamp_ns(tree(message)), 0)
 
     more: dict[str, Callable[[Content], object]] = {
         "alone": lambda _: None,
-        "without commands and terms": kept(
-            lambda m: m[TOPIC] != COMMANDS and not m[TOPIC].endswith("/state")
+        "without commands and terms": partial(
+            without, lambda m: m[TOPIC] == COMMANDS or m[TOPIC].endswith("/state")
         ),
         "without commands": on(COMMANDS, every, dropped),
         "truth times 0.1": on(TRUTH, every, fields(at("position", lambda v: 0.1 * v))),
         "by a wall clock": wall_clock,
-        "without lifecycle": kept(lambda m: not of_nodes(m)),
-        "without recorder and lifecycle": kept(lambda m: not of_recorder(m)),
+        "without lifecycle": partial(without, of_nodes),
+        "without recorder and lifecycle": partial(without, of_recorder),
         "without recorder and lifecycle, in simulated time": in_simulated_time,
     }
 
@@ -688,7 +673,8 @@ def _runs() -> Iterator[Edit]:
 
     def shorter(recorded: Content) -> None:
         half = stamp_ns(tree(*PLACES["middle"](recorded.of(TRUTH))))
-        kept(lambda m: m[TOPIC] not in LOOP or stamp_ns(tree(m)) <= half)(recorded)
+        later = [m for m in recorded.messages if m[TOPIC] in LOOP and stamp_ns(tree(m)) > half]
+        dropped(recorded, later)
         renumbered(recorded)
 
     def shorter_and_said_so(recorded: Content) -> None:
