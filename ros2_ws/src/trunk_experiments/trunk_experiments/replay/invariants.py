@@ -91,6 +91,7 @@ def _joints(run: RecordedRun) -> Iterator[str]:
         for layout in topic.layouts:
             if run.is_ours(relative, layout.frame_id) and replace(layout, frame_id="") != wanted:
                 yield f"{relative}: {_described(layout)}; by the parameters it must be {_described(wanted)}"
+                break
 
 
 def _described(layout: JointStateLayout) -> str:

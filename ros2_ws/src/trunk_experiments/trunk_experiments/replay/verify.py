@@ -92,9 +92,9 @@ def _ambiguous(recording: Recording) -> Iterator[str]:
         for name in (PROVENANCE, END, DIGESTS):
             if counts[name] > 1:
                 yield f"{counts[name]} records {name}: other readers may take any of them"
-        texts = {(schema.name, schema.data) for schema in file.schemas.values() if schema.data}
-        for name, text in sorted(texts):
-            if name in STAMPED and not describes(text, name):
+        texts = [(s.name, s.data) for s in file.schemas.values() if s.encoding == "ros2msg"]
+        for name, text in dict.fromkeys(texts):
+            if text and name in STAMPED and not describes(text, name):
                 yield f"the schema of {name} has other fields than the type: other readers see others"
 
 

@@ -64,6 +64,7 @@ def _store() -> Typestore:
 
 
 @cache
+@cache
 def definition(type_name: str) -> bytes:
     """Return a type's ``ros2msg`` text with all nested types. Raises ValueError if unknown."""
     if type_name not in _store().fielddefs:
