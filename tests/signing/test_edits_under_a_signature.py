@@ -27,6 +27,7 @@ from trunk_msgs_util.recording.reader import Recording
 
 from ..tampering.edits import edits_of
 
+
 def test_another_signature_under_the_right_keys_name_is_refused(signed, trunk):
     sidecar = signed.parent / "run.mcap.sig"
     forged = sign(Recording.open(signed).digested, MALLORY).split()[-1]
