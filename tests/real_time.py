@@ -15,7 +15,6 @@ from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.plans.pushes import RealTimeInputs
-from trunk_experiments.recorded.inputs import NO_SOURCE
 from trunk_experiments.runs.engine import states_of_run
 from trunk_experiments.runs.loop_inputs import disturbance_source, states_of
 from trunk_experiments.runs.offline_recording import OfflineRecorder, Within
@@ -24,6 +23,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.schemas import deserialize, event, parse_event, serialize, stamp_of
 from trunk_msgs_util.recording.writer import RecordingWriter
+from trunk_msgs_util.source import NO_SOURCE
 
 EVENTS, INPUTS = "/run/events", f"/{topics.PLANT_INPUTS}"
 COMMAND = "/effort_command"

@@ -28,7 +28,7 @@ from ..plans.plan import RunPlan, check_joints, check_rates
 from ..plans.pushes import Push, parse_push, pushed
 from ..plans.timeline import Change, Timeline, begins_active
 from ..recorded.plan import references_of, why_not_again
-from ..recorded.processes import Process
+from ..recorded.processes import TURNS, Process
 from ..recorded.run import RecordedRun, usable
 from ..replay.checks import Check, describe
 from ..replay.in_force import check_disturbances, check_inputs
@@ -68,9 +68,6 @@ def fanned(branches: Sequence[Branch], grid: Sequence[str]) -> list[Branch]:
         for branch in branches
         for chosen in product(*axes)
     ]
-
-
-_TURNS = (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP)
 
 
 class Branched(NamedTuple):
@@ -205,7 +202,7 @@ def _with_controller(
     if acting == [name]:
         raise PlanError(f"--controller {name}: it already acts at t = {seconds(at_ns):g} s")
     changes = {
-        node: [c for c in node_changes if c.values is not None or c.event not in _TURNS]
+        node: [c for c in node_changes if c.values is not None or c.event not in TURNS]
         for node, node_changes in plan.changes.items()
     }
     before_ns = at_ns - plan.simulator.period_ns if resumed.first else -1

@@ -5,16 +5,15 @@ In real time the simulator records it. In simulated time it follows: each state'
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.recording.joint_table import QUANTITIES, Floats, Integers
+from trunk_msgs_util.recording.joint_table import QUANTITIES, Bools, Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
-from trunk_msgs_util.source import sources_of_inputs
+from trunk_msgs_util.source import NO_SOURCE, sources_of_inputs
 from trunk_msgs_util.units import held, nanoseconds, seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import CHANNELS, Signals, pulse
@@ -33,11 +32,7 @@ if TYPE_CHECKING:
     from ..plans.timeline import Timeline
     from .run import RecordedRun
 
-Bools: TypeAlias = NDArray[np.bool_]
-
 _FAR = 100_000  # steps beyond ten times the number of states: no run has more
-NO_SOURCE = "-"  # as the simulator names a sender that is no node of ours
-NAMES = ("command", "hip_force", "trunk_torque", "hip_offset", "trunk_offset")
 
 
 class InForce(NamedTuple):
@@ -88,7 +83,7 @@ class RecordedInputs:
             return
         parts = [sources_of_inputs(frame) for frame in table.frames]
         widths = [table.width(quantity) for quantity in QUANTITIES]
-        if table.names != NAMES or widths != [5, 5, 0] or None in parts:
+        if table.names != topics.INPUT_NAMES or widths != [5, 5, 0] or None in parts:
             raise RecordingError(
                 f"{run.path}: {topics.PLANT_INPUTS}: not as a simulator writes it: it cannot be recomputed"
             )

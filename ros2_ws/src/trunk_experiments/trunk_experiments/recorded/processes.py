@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from .run import RecordedRun
 
-_TURNS = (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP)
+TURNS = (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP)
 
 
 class UnorderedError(RecordingError):
@@ -61,7 +61,7 @@ class Process:
         Raises UnorderedError if the events of changed parameters do not match the changes.
         """
         # The plant's turns are pauses, in which simulated time stands still.
-        turns = _TURNS if self.node in CONTROLLERS else ()
+        turns = TURNS if self.node in CONTROLLERS else ()
         events = [e for e in self.events if e.message in (Event.RETUNED, Event.RESET, *turns)]
         retuned = [event.stamp_ns for event in events if event.message == Event.RETUNED]
         if retuned != [change.stamp_ns for change in self.changed]:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from math import inf
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.joint_table import Integers
+from trunk_msgs_util.recording.joint_table import Bools, Integers
 from trunk_msgs_util.units import nanoseconds, seconds
 
 from ..plans.timeline import begins_active
-
-Bools: TypeAlias = NDArray[np.bool_]
 
 if TYPE_CHECKING:
     from .run import RecordedRun

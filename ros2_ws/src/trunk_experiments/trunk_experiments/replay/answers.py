@@ -11,10 +11,9 @@ import numpy as np
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.joint_table import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Bools, Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
 
-from ..recorded.inputs import Bools
 from ..recorded.processes import Process, UnorderedError
 from ..recorded.run import RecordedRun
 from ..runs.states import TERMS

@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trunk_msgs_util.recording.joint_table import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Bools, Floats, Integers
 from trunk_msgs_util.units import seconds
 
-from ..recorded.inputs import Bools
 from .bits import ulps
 
 # What a difference may be besides a value.

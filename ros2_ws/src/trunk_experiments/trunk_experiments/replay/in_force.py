@@ -8,13 +8,13 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.compiled import twin, with_arrays
-from trunk_msgs_util.recording.joint_table import Floats, Integers, JointTable
-from trunk_msgs_util.source import ARRIVAL
+from trunk_msgs_util.recording.joint_table import Bools, Floats, Integers, JointTable
+from trunk_msgs_util.source import ARRIVAL, NO_SOURCE
 from trunk_msgs_util.units import nanoseconds
 from trunk_sim.disturbances import Signals, disturbance_at
 
 from ..plans.timeline import Timeline
-from ..recorded.inputs import NO_SOURCE, Bools, InForce, disturbances
+from ..recorded.inputs import InForce, disturbances
 from ..recorded.processes import Process
 from ..recorded.run import RecordedRun
 from .checks import MISSING, Check, ComparedColumn

@@ -7,7 +7,7 @@ digest.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -17,16 +17,18 @@ from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.completeness import OF_STATES, OF_STATES_IN_REAL_TIME, Account
 from trunk_msgs_util.events import ENDS, Event
+from trunk_msgs_util.parameters.declarations import Value, declarations
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
 from trunk_msgs_util.recording.joint_table import QUANTITIES
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 from trunk_sim.links import Traffic
 
-from ..plans.nodes import CONTROLLERS
+from ..errors import PlanError
+from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.plan import check_rates
 from ..recorded.processes import Process, is_whole
 from ..recorded.turns import idle_ns
 from .late import late_steps
-from .parameter_invariants import mode_contradictions, parameter_contradictions
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_table import Integers
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
 
     from ..recorded.run import RecordedRun
     from .rerun import Rerun
+
+_MODES = {"real_time": False, "lockstep": True}  # is lockstep.enabled set?
 
 
 def contradictions(run: RecordedRun, rerun: Rerun) -> list[str]:
@@ -47,8 +51,8 @@ def contradictions(run: RecordedRun, rerun: Rerun) -> list[str]:
         *_account(run, rerun),
         *_order(run, rerun),
         *_falls(run, rerun),
-        *parameter_contradictions(run),
-        *mode_contradictions(run, rerun),
+        *_parameters(run),
+        *_mode(run, rerun),
         *_pushes(run, rerun),
         *_branch(run),
         *_links(run, rerun),
@@ -298,3 +302,61 @@ def _links(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
         yield f"run/events: {str(Event.PASSED_ON)!r} {len(counted)} times"
     elif network is not None and counted[0].values != Traffic(network).counts(len(rerun.stamps)):
         yield f"run/events: {str(Event.PASSED_ON)!r} is not what the links' seed gives"
+
+
+def _parameters(run: RecordedRun) -> Iterator[str]:
+    """Yield sets of parameters that are not whole, and changes that no node makes."""
+    sets: dict[tuple[str, str], list[Mapping[str, Value]]] = {}
+    for change in run.recording.parameter_messages():
+        node = run.recording.relative(change.node)
+        if node not in NODES:
+            yield f"run/parameters: parameters of {change.node}, which is not one of our nodes"
+            continue
+        declared = declarations(NODES[node].config)
+        names = {*change.new, *change.changed}
+        if unknown := names - set(declared):
+            yield f"run/parameters: {node} has no parameters {', '.join(sorted(unknown))}"
+        if change.new:
+            sets.setdefault((node, change.source), []).append(change.new)
+            if missing := set(declared) - set(change.new):
+                yield f"run/parameters: the set of {node} lacks {', '.join(sorted(missing))}"
+        fixed = [name for name in change.changed if name in declared and declared[name].fixed]
+        if fixed:
+            yield f"run/parameters: {node} changes {', '.join(fixed)}, which is fixed at start"
+    for (node, source), recorded in sets.items():
+        # A node that learns from the states that it is in real time names no source before: each of its
+        # processes has such a set, also one whose events are lost. In lock-step it was restarted.
+        unnamed = run.real_time and not source
+        alike = unnamed and all(values == recorded[0] for values in recorded)
+        if len(recorded) > 1 and run.mode != "lockstep" and not alike:
+            yield f"run/parameters: {len(recorded)} parameter sets of {node}"
+    for event in run.events:
+        node = run.recording.relative(event.node)
+        if node in NODES and node not in run.parameters:
+            yield f"run/events: {event.message!r} of {node}, whose parameters are not recorded"
+            return
+
+
+def _mode(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
+    """Yield differences of mode and controllers between the run's origin and its nodes."""
+    if run.mode not in (*_MODES, "offline"):
+        yield f"mode {run.mode!r}: the modes are real_time, lockstep and offline"
+    configured = any(event.message == Event.CONFIGURED for event in run.events)
+    if configured == (run.mode == "offline"):
+        yield f"mode {run.mode}, but {'nodes' if configured else 'no nodes'} were configured"
+    for node in ("simulator", *run.judgeable) if run.mode in _MODES else ():
+        if run.config(node).lockstep != _MODES[run.mode]:
+            yield f"mode {run.mode}, but {node} has lockstep.enabled = {run.config(node).lockstep}"
+    if run.mode == "lockstep":
+        try:
+            check_rates(rerun.engine.plan)
+        except PlanError as error:
+            yield str(error)
+    planned = run.recording.provenance.get("controller", "").split()
+    if not set(run.controllers) <= {*planned, *(run.joined if planned else run.controllers)}:
+        names = ", ".join(run.controllers)
+        yield f"recorded with {names}, but the run's origin names {', '.join(planned)}"
+    simulated = [run.table(t) for t in (topics.GROUND_TRUTH, topics.EFFORT_COMMAND)]
+    sourced = any("@" in frame for table in simulated for frame in table.frames)
+    if sourced != run.real_time:
+        yield f"mode {run.mode}, but messages name {'their' if sourced else 'no'} sources"

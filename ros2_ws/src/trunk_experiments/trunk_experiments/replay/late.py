@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.source import ARRIVAL
+from trunk_msgs_util.source import ARRIVAL, NO_SOURCE
 
-from ..recorded.inputs import NO_SOURCE, RecordedInputs
+from ..recorded.inputs import RecordedInputs
 
 if TYPE_CHECKING:
     from ..recorded.run import RecordedRun

@@ -12,7 +12,7 @@ from trunk_control.decide import Reading
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
-from trunk_msgs_util.recording.joint_table import Floats, Integers
+from trunk_msgs_util.recording.joint_table import Bools, Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
@@ -20,7 +20,6 @@ from trunk_sim.disturbances import Disturbance
 from trunk_sim.step import Measurement
 
 from ..plans.plan import RunPlan
-from ..recorded.inputs import Bools
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, RecordSource, start_of
 from ..runs.loop import reading_of

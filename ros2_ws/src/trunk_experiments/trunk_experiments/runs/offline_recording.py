@@ -19,6 +19,8 @@ from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.source import NO_SOURCE
+from trunk_msgs_util.topics import INPUT_NAMES
 from trunk_msgs_util.units import nanoseconds
 from trunk_sim.disturbances import Disturbance, disturbance_sample
 from trunk_sim.links import Traffic
@@ -27,7 +29,6 @@ from trunk_sim.simulation import DivergedError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 from ..plans.timeline import Change
-from ..recorded.inputs import NAMES, NO_SOURCE
 from .engine import states_of_run
 from .loop_inputs import disturbance_source, states_of
 from .states import (
@@ -154,7 +155,7 @@ class StateMessages:
                     yield self._joints(
                         topics.PLANT_INPUTS,
                         rows * PLACES + _INPUTS,
-                        JointStateLayout(NAMES, 5, 5, 0, frame),
+                        JointStateLayout(INPUT_NAMES, 5, 5, 0, frame),
                         stamp_ns[rows],
                         position=values[rows],
                         velocity=age[rows],

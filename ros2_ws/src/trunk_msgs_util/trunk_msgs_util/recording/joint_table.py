@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Frames = NDArray[np.int32]
+Bools = NDArray[np.bool_]
 Rows: TypeAlias = slice | Integers  # of some messages
 Column = tuple[str, str]  # quantity, name
 QUANTITIES = ("position", "velocity", "effort")
