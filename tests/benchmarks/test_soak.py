@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from benchmarks import soak
 
-from trunk_msgs_util.recording.joint_table import JointArrays
+from trunk_msgs_util.recording.joint_table import JointTable
 from trunk_msgs_util.recording.reader import Recording
 
 H = 5_000_000
@@ -36,9 +36,9 @@ class Record:
     def joints(self, topic):
         if topic == "effort_command":
             stamps, log = self.stamps[self.kept], self.log[self.kept]
-            return JointArrays(("trunk",), stamps, log, NONE, NONE, self.commands[self.kept, None])
+            return JointTable(("trunk",), stamps, log, NONE, NONE, self.commands[self.kept, None])
         effort = np.column_stack([np.zeros(len(self.stamps)), self.applied])
-        return JointArrays(("hip", "trunk"), self.stamps, self.log, NONE, NONE, effort)
+        return JointTable(("hip", "trunk"), self.stamps, self.log, NONE, NONE, effort)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import numpy as np
 from mcap.reader import make_reader
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_table import JointArrays
+from trunk_msgs_util.recording.joint_table import JointTable
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 
@@ -25,7 +25,7 @@ def finished_file(path: Path) -> Counter[str]:
     return counts
 
 
-def joints(recording: Recording, topic: str) -> JointArrays:
+def joints(recording: Recording, topic: str) -> JointTable:
     return recording.joints(recording.topic(topic))
 
 

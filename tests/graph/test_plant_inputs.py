@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import ENDS
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
-from trunk_msgs_util.recording.joint_table import JointArrays
+from trunk_msgs_util.recording.joint_table import JointTable
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import process_id
@@ -34,7 +34,7 @@ PUSHES = (
 COMMAND, DISTURBANCE = slice(0, 1), slice(1, 5)  # columns of a row
 
 
-def sources(arrays: JointArrays) -> list[str]:
+def sources(arrays: JointTable) -> list[str]:
     return [arrays.frames[place] for place in arrays.frame.tolist()]
 
 
