@@ -91,7 +91,7 @@ def test_one_changed_bit_is_found(recorded, tmp_path, topic):
     table = RecordedRun.open(recorded).table(topic)
     values = {q: table.values(q)[70].tolist() for q in ("position", "velocity", "effort")}
     values["effort"][-1] = nextafter(values["effort"][-1], inf)
-    sample = JointSample(table.stamps[70], tuple(table.names), **values)
+    sample = JointSample(int(table.stamp_ns[70]), tuple(table.names), **values)
 
     def edit(messages):
         [m for m in messages if m[0] == "/" + topic][70][2] = layout_of(sample).pack(sample)

@@ -177,7 +177,7 @@ def _everything(run: Run, found: RecordedRun) -> Iterator[str]:
 def _what_acted(found: RecordedRun) -> Iterator[str]:
     """Yield states of a complete recording of which it does not have what acted on the plant."""
     rows, states = found.table(topics.PLANT_INPUTS), found.table(topics.GROUND_TRUTH)
-    if rows.stamps != states.stamps:
+    if rows.stamp_ns.tolist() != states.stamp_ns.tolist():
         yield f"complete with {len(rows)} rows of what acted for {len(states)} states"
     for topic, column, quantity in (
         (topics.EFFORT_COMMAND, 0, "effort"),
@@ -187,9 +187,11 @@ def _what_acted(found: RecordedRun) -> Iterator[str]:
         values = table.values(quantity)[:, 0] if len(table) else ()
         there = {
             (stamp, table.frames[frame]): value
-            for stamp, frame, value in zip(table.stamps, table.frame, values, strict=True)
+            for stamp, frame, value in zip(
+                table.stamp_ns.tolist(), table.frame, values, strict=True
+            )
         }
-        for row, stamp in enumerate(rows.stamps):
+        for row, stamp in enumerate(rows.stamp_ns.tolist()):
             age = rows.values("velocity")[row, column]
             source = rows.frames[rows.frame[row]].split()[1 + (column > 0)]
             named = stamp - int(age), "" if source == "-" else source
