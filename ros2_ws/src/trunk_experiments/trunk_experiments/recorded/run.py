@@ -16,7 +16,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
 from trunk_msgs_util.recording.joint_table import Column, JointTable
-from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 from trunk_msgs_util.source import source_in
 from trunk_msgs_util.topics import EXTERNAL
@@ -214,6 +214,12 @@ class RecordedRun:
         if relative not in self._tables:
             self._tables[relative] = self._meant(self._read(relative))
         return self._tables[relative]
+
+    def read_whole(self) -> None:
+        """Read all tables in one pass, for whoever judges the run; the others are read when needed."""
+        with suppress(RecordingError):  # code that needs it meets the error again, and reports it
+            self.recording.read_whole()
+        self._filled = self._filled or None
 
     def _read(self, relative: str) -> JointTable:
         topic = self.recording.topic(relative)

@@ -52,6 +52,7 @@ def verify(recording: Recording) -> Verdict:
 def verdict_on(run: RecordedRun) -> Verdict:
     """Return the verdict on a recorded run, as `verify` does."""
     recording = run.recording
+    run.read_whole()
     verdict = Verdict()
     silent = silence(run).removeprefix("SILENT: ")
     verdict.obstacles += filter(None, [silent, recording.unfinished, *recording.further_warnings])

@@ -377,6 +377,11 @@ class McapFile:
 
     def take_record(self, record: Record) -> None:
         """Process a record without messages. Raises whatever mcap raises."""
+        if record.opcode in _READ and not _is_canonical(record):
+            text = (
+                f"the {name_of(record.opcode)} record has a key twice: others may read it otherwise"
+            )
+            self.findings.append(Finding(ERROR, text, byte=record.offset))
         if record.opcode == Opcode.HEADER:
             header = Header.read(record.stream)
             self.profile, self.library = header.profile, header.library
@@ -458,11 +463,6 @@ class McapFile:
                 self.findings.append(Finding(INFO, text, byte=record.offset))
         elif not is_known(record.opcode):
             self._skipped(record.opcode, record.offset)
-        elif record.opcode in _READ and not _is_canonical(record):
-            text = (
-                f"the {name_of(record.opcode)} record has a key twice: others may read it otherwise"
-            )
-            self.findings.append(Finding(ERROR, text, byte=record.offset))
         if record.opcode in INDEXED and self.data_end is None:
             length = record.end - record.offset
             name = self.metadata_records[-1][0] if record.body else ""

@@ -16,7 +16,7 @@ from ..events import Event
 from ..provenance import FORMAT
 from .bag_folder import METADATA, bag_folder
 from .digests import DIGESTS, END, PROVENANCE, RunningDigests, differing, uncoverable, uncovered
-from .joint_table import Column, Filling, JointTable
+from .joint_table import Column, Filling, JointTable, pieces
 from .limits import MAX_TEXT
 from .mcap_file import ERROR, OURS, McapFile, name_of, size_of
 from .schemas import ParameterChange, RunEvent, parse_event, parse_parameter_event
@@ -484,8 +484,25 @@ class Recording(RecordedFiles):
             tables[topic] = filling.table(self.relative(topic), where, known)
         return tables
 
+    def read_whole(self) -> None:
+        """Make digests and tables in one pass, unless they were made while the file was read."""
+        if self._digests is not None:
+            return
+        digests = RunningDigests()
+        try:
+            for file, content in self._contents(self.topics):
+                digests.content(file.channels, content)
+                for topic, messages in file.by_topic(content).items():
+                    about = self.topics[topic]
+                    if about.type == names.JOINT_STATE_TYPE and not about.unreadable:
+                        self._fill(topic, messages, pieces(messages))
+        except RecordingError:
+            self._fillings.clear()
+            raise
+        self._digests = digests
+
     def filled(self) -> dict[str, JointTable]:
-        """Return the JointState topics that were read while the recording was opened, once.
+        """Return the JointState topics that were read in that pass, once.
 
         The values of controllers' terms are read again when needed.
         """
