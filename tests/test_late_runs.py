@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from ros2_ws.src.trunk_experiments.test.test_doubts import fallen
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.plans.plan import make_plan
@@ -85,13 +85,6 @@ def test_a_run_that_departs_from_lockstep_is_marked_even_if_no_command_was_late(
     assert found.late == 0
     assert found.moved_deg > 1.0
     assert found
-
-
-def fallen(path):
-    settings = ["simulator.fall.angle=0.4", "pid.gains.d=0.5"]
-    plan = make_plan("fig8", "pid", settings=settings)
-    record_offline(replace(plan, simulator=replace(plan.simulator, duration=1.3)), path)
-    return path
 
 
 @pytest.mark.slow

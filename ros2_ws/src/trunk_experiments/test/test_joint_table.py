@@ -110,3 +110,10 @@ def test_rows_are_found_by_stamp(path):
     assert [table.row(stamp) for stamp in (0, 299_000_000, 300_000_000)] == [0, 299, 300]
     assert [table.row(stamp) for stamp in (-1, 500_000, 301_000_000)] == [None] * 3
     assert table.rows_of(np.array([2_000_000, 5, 1_000_000])).tolist() == [2, -1, 1]
+
+
+def test_whoever_judges_a_run_reads_it_in_one_pass(path, filled):
+    run = RecordedRun.open(path)
+    assert verdict_on(run).exit_code == VERIFIED
+    assert run.recording.digested == filled.recording.digested
+    assert run.table(TERMS).again is not None  # its values were not kept
