@@ -237,7 +237,7 @@ def _compare(
         firsts.append(FirstDifference(int(stamps[0]), relative, "name", None, 1.0))
         return steps, min(firsts, key=lambda f: f.stamp_ns)
     for quantity in QUANTITIES:
-        x, y = getattr(a, quantity)[rows_a], getattr(b, quantity)[rows_b]
+        x, y = a.values(quantity)[rows_a], b.values(quantity)[rows_b]
         if x.shape != y.shape:
             firsts.append(FirstDifference(int(stamps[0]), relative, quantity, None, 1.0))
             continue
