@@ -358,8 +358,7 @@ def branch(
     Raises PlanError for a change that is not possible, RecordingError for a run that does not verify up to
     ``at``, and DivergedError.
     """
-    from ..branching.branch import Branch, branched, resumed, state_at
-    from ..branching.record import record_branch
+    from ..replay.branch import Branch, branch_plan, record_branch
 
     if isinstance(pushes, str):
         raise PlanError(f"pushes {pushes!r}: a list is needed, such as ['60Nm:0.1s']")
@@ -367,10 +366,9 @@ def branch(
     settings = tuple(f"{name}={plain(value)}" for name, value in values.items())
     change = Branch(float(at), settings, controller, tuple(pushes))
     parent = run_of(run)._recorded
-    start = resumed(parent, state_at(parent, change.at, bool(controller)))
-    made = branched(parent, start, change, duration)
+    plan = branch_plan(parent, change, duration)
     return recorded(
-        lambda path: record_branch(parent, change, made, path, overwrite),
+        lambda path: record_branch(parent, change, plan, path, overwrite),
         "branch.mcap",
         output,
         overwrite,

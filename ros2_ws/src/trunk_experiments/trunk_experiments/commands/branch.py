@@ -11,7 +11,6 @@ import click
 from trunk_msgs_util.errors import RecordingError
 from trunk_sim.simulation import DivergedError
 
-from ..branching.branch import Branch, fanned
 from ..console.document import json_option, write_json
 from ..console.options import Number
 from ..console.outputs import check_folder, check_output, output_options
@@ -19,9 +18,10 @@ from ..console.plan_options import ControllerName
 from ..console.reading import open_run, written_values
 from ..console.terminal import line_of, report_error
 from ..errors import PlanError
+from ..replay.branch import Branch, fanned
 
 if TYPE_CHECKING:
-    from ..branching.branch import Branched
+    from ..plans.plan import RunPlan
     from ..recorded.run import RecordedRun
 
 _LONG = 100_000  # states, which take seconds
@@ -107,13 +107,13 @@ def command(
     branches = fanned(list(_branches(ctx)), grid)
     paths = _paths(branches, run, output, force)
     parent = open_run(run, whole=True)
-    made = [_branched(parent, branch, duration) for branch in branches]
+    plans = [_planned(parent, branch, duration) for branch in branches]
     if output not in paths:
         output.mkdir(parents=True, exist_ok=True)
     documents: list[dict[str, object]] = []
     failed = 0
-    for branch, path, ready in zip(branches, paths, made, strict=True):
-        states, diverged = _recorded(parent, branch, ready, path, force)
+    for branch, path, plan in zip(branches, paths, plans, strict=True):
+        states, diverged = _recorded(parent, branch, plan, path, force)
         if as_json:
             values = {
                 "at_s": branch.at,
@@ -184,26 +184,25 @@ def _name(branch: Branch) -> str:
     return kept[:_NAME]
 
 
-def _branched(parent: RecordedRun, branch: Branch, duration: float | None) -> Branched:
-    """Return a branch that is ready to run. Raises PlanError and RecordingError if it cannot be run."""
-    from ..branching.branch import branched, resumed, state_at
+def _planned(parent: RecordedRun, branch: Branch, duration: float | None) -> RunPlan:
+    """Return a branch's plan. Raises PlanError and RecordingError if it cannot be run."""
+    from ..replay.branch import branch_plan
 
     try:
-        begun = resumed(parent, state_at(parent, branch.at, bool(branch.controller)))
+        return branch_plan(parent, branch, duration)
     except KeyError as error:
         raise RecordingError(f"{parent.path}: it cannot be branched: {error} is missing") from None
-    return branched(parent, begun, branch, duration)
 
 
 def _recorded(
-    parent: RecordedRun, branch: Branch, made: Branched, path: Path, force: bool
+    parent: RecordedRun, branch: Branch, plan: RunPlan, path: Path, force: bool
 ) -> tuple[int, DivergedError | None]:
     """Write a branch, showing progress; return the number of states, or why it diverged."""
-    from ..branching.record import record_branch
     from ..console.progress import progress_bar
+    from ..replay.branch import record_branch
 
     with progress_bar(f"simulating {path.name}", _LONG) as tell_done:
         try:
-            return record_branch(parent, branch, made, path, force, tell_done), None
+            return record_branch(parent, branch, plan, path, force, tell_done), None
         except DivergedError as error:
             return 0, error

@@ -25,7 +25,7 @@ from trunk_sim.simulation import DivergedError
 from ..batch.block import LONGEST, Regular, regular_run
 from ..errors import PlanError, did_you_mean
 from ..plans.plan import RunPlan, make_plan
-from ..runs.engine import Engine, start_of
+from ..runs.engine import Engine
 from ..runs.loop_inputs import check
 from ..runs.offline_recording import record_states
 
@@ -285,8 +285,8 @@ def save_episode(
     plan, config = task.plan_of(drawn, states), task.plan.controller
     run = replace(plan, controllers={POLICY: config})
     law = policy_law(actions, task.by_gains)
-    start = start_of(plan)._replace(controllers={POLICY: Controller(config, law)})
+    controllers = {POLICY: Controller(config, law)}
     with suppress(DivergedError):  # as in the environment: the file says so
-        stretches = Engine(run, start, compiled=False).states()
+        stretches = Engine(run, compiled=False, controllers=controllers).states()
         record_states(plan, stretches, path, (POLICY,), overwrite)
     return path

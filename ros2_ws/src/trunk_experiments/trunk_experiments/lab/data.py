@@ -37,7 +37,7 @@ from ..parts.page import STYLES, page, scripts
 from ..plans.plan import RunPlan
 from ..runs import states
 from ..runs.loop_inputs import check_compilable, states_of
-from ..runs.offline_recording import HAS_FALLEN, OfflineRecorder
+from ..runs.offline_recording import HAS_ENDED, HAS_FALLEN
 from ..views.report_data import CHANNEL_TEXTS
 from .knobs import Knob, KnobSearch, NodeKnobs, RuleKnob
 from .program import CHUNK, LabProgram, numbers_of_loop
@@ -76,7 +76,7 @@ def recording_template(plans: Mapping[str, RunPlan]) -> dict[str, Any]:
             "parameters": _absolute(topics.RUN_PARAMETERS),
         },
         "words": {event.name.lower(): event.value for event in _EVENTS},
-        "reasons": {"fell": HAS_FALLEN, "end": OfflineRecorder.at_end},
+        "reasons": {"fell": HAS_FALLEN, "end": HAS_ENDED},
         "columns": {
             "angle": _columns(states.POSITION)[1],
             "updated": states.FRESH,

@@ -27,7 +27,7 @@ from trunk_sim.disturbance_config import DisturbanceConfig
 from ..errors import PlanError, closest, did_you_mean
 from .files import config_from, find_file, parse_setting, scenario_layers
 from .nodes import CONTROLLERS, NODES, declared_names
-from .pushes import Pushes, RealTimeInputs, with_pushes
+from .pushes import GivenInputs, Pushes, with_pushes
 from .timeline import Change, Timeline
 
 
@@ -177,7 +177,8 @@ class RunPlan:
     reference: ReferenceConfig | None = (
         None  # published for that node; None: by somebody else, or not
     )
-    inputs: RealTimeInputs | None = None  # None: every message acts on its own state
+    inputs: GivenInputs | None = None  # None: every message acts on its own state
+    disturbed_ns: int = 0  # the stamp of the disturbance's first message
     qos_overrides: Mapping[str, Mapping[str, object]] = field(default_factory=dict)  # by node
 
     @property

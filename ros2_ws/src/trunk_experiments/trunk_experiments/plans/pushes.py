@@ -165,18 +165,24 @@ class Operated:
 
 
 @dataclass(frozen=True)
-class RealTimeInputs:
-    """What the wall clock decided in a real-time run: which message acted when, and who answered what.
+class GivenInputs:
+    """What a record alone tells of a run's first N states: which message acted when, who answered what.
 
-    ``command_index`` [N]: the state whose command is in force, -1: none. ``disturbance`` [N, 4]: in force;
-    ``disturbance_ns`` [N]: its stamp, -1: none. ``answered``: by controller, the stamps of the states that it
-    answered. ``disturbed``: the stamps of the disturbance node's messages. ``seen``: the angle [rad] in each
-    state before which a controller became active, by stamp.
+    The wall clock decided it, or somebody else's node. ``command_ns`` [N]: the state whose command is in
+    force, -1: none. ``disturbance`` [N, 4]: in force; ``disturbance_ns`` [N]: its stamp, -1: none.
+    ``answered``: by controller, the stamps of the states that it answered. ``disturbed``: the stamps of the
+    disturbance node's messages. ``seen``: the angle [rad] in each state before which a controller became
+    active, by stamp. ``command`` [N]: in force, N m; None: as the plan's controllers answer.
     """
 
-    command_index: Integers
+    command_ns: Integers
     disturbance: Floats
     disturbance_ns: Integers
     answered: Mapping[str, Integers]
     disturbed: Integers
     seen: Mapping[int, float]
+    command: Floats | None = None
+
+    def __len__(self) -> int:
+        """Return the number of states."""
+        return len(self.command_ns)

@@ -22,7 +22,7 @@ from trunk_sim.operator_input import Applied
 
 from ..plans.pushes import Operated
 from .processes import simulator_of
-from .turns import exact_from_ns, idle_ns
+from .turns import idle_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -73,10 +73,10 @@ class RecordedInputs:
             self._disturbances.stamp_ns[: len(stamps)], stamps
         ):
             since_ns = int(self._disturbances.stamp_ns.min())
-            if "disturbance" in run.config("simulator").wait_for and not _may_have_joined(run):
+            if "disturbance" in run.config("simulator").wait_for:
                 since_ns = 0
             there = self._disturbances.rows_of(stamps) >= 0
-            self.disturbance_known = there | (stamps < max(since_ns, exact_from_ns(run)))
+            self.disturbance_known = there | (stamps < since_ns)
 
     def _read_sources(self, run: RecordedRun, table: JointTable) -> None:
         if not len(table):
@@ -146,15 +146,6 @@ class RecordedInputs:
             disturbance[there] = disturbances(self._disturbances, rows[there])
             disturbance_ns[there] = stamps[there]
         return force
-
-
-def _may_have_joined(run: RecordedRun) -> bool:
-    """Return True if the disturbance may be one that a branch added: such a node is silent at its start."""
-    if run.branch is None or "disturbance" not in run.parameters:
-        return run.branch is not None
-    config = run.config("disturbance")
-    silent = type(config)(update_rate=config.update_rate, joints=config.joints)
-    return bool(config.signals == silent.signals)
 
 
 def _nothing_known(count: int) -> InForce:

@@ -1,4 +1,4 @@
-"""The plan of a recorded run: what `simulate --like` and other repeats run."""
+"""The plan of a recorded run: what `simulate --like`, branches and other repeats run."""
 
 from __future__ import annotations
 
@@ -17,10 +17,14 @@ from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, unknown_controllers
 from ..plans.plan import RunPlan
-from ..plans.pushes import RealTimeInputs
+from ..plans.pushes import GivenInputs
 from .inputs import RecordedInputs
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from trunk_control.reference import ReferenceConfig
+
     from .run import RecordedRun
 
 
@@ -32,74 +36,102 @@ def plan_of(run: RecordedRun, in_time: bool = False) -> RunPlan:
     """
     if reason := why_not_again(run):
         raise RecordingError(f"{run.path}: it cannot be run again: {reason}")
-    controllers, states = run.controllers, run.count(topics.GROUND_TRUTH)
-    simulator = run.config("simulator")
-    if states > 1 or not simulator.fall_stop:  # otherwise a fall ends it in the first state again
-        simulator = replace(simulator, duration=seconds((states - 1) * simulator.period_ns))
+    states = run.count(topics.GROUND_TRUTH)
+    plan = _plan(run, run.controllers)
+    if states > 1 or not plan.simulator.fall_stop:  # a fall ends it in the first state again
+        duration = seconds((states - 1) * plan.simulator.period_ns)
+        plan = replace(plan, simulator=replace(plan.simulator, duration=duration))
+    return plan if in_time else replace(plan, inputs=given_inputs(run, states))
+
+
+def plan_from(run: RecordedRun, states: int) -> RunPlan:
+    """Return the plan of a run that is the recorded one for so many states, and goes on to its planned end.
+
+    It has the controllers that have not acted yet, too. Raises RecordingError if the recording lacks
+    something that this needs.
+    """
+    reference = run.config("reference") if "reference" in run.parameters else None
+    plan = _plan(run, [name for name in run.parameters if name in CONTROLLERS], reference)
+    planned, last_ns = plan.simulator.duration, int(run.table(topics.GROUND_TRUTH).stamp_ns.max())
+    pictures = any(run.recording.topic(name) in run.recording.topics for name in topics.PICTURES)
+    return replace(
+        plan,
+        simulator=replace(plan.simulator, duration=planned or seconds(last_ns)),
+        recorder=replace(plan.recorder, markers=pictures),
+        external=run.external or None,
+        inputs=given_inputs(run, states),
+    )
+
+
+def _plan(
+    run: RecordedRun, controllers: Sequence[str], reference: ReferenceConfig | None = None
+) -> RunPlan:
+    """Return the plan by the parameters, the changes and an operator of a run."""
+    disturbed = run.count(topics.DISTURBANCE) and "disturbance" in run.parameters
     plan = RunPlan(
         scenario=run.recording.provenance.get("scenario", ""),
-        simulator=simulator,
+        simulator=run.config("simulator"),
         controllers={name: run.config(name) for name in controllers},
         disturbance=run.config("disturbance") if "disturbance" in run.parameters else None,
         recorder=RecorderConfig(controllers=tuple(controllers)),
-    )
-    changes = {name: run.changes(name) for name in plan.configs}
-    return replace(
-        plan,
-        changes={name: node_changes for name, node_changes in changes.items() if node_changes},
+        reference=reference,
         references=references_of(run),
         pushes=run.operated.pushes,
-        inputs=None if in_time else inputs_of(run),
+        disturbed_ns=int(run.table(topics.DISTURBANCE).stamp_ns.min()) if disturbed else 0,
     )
+    changes = {name: run.changes(name) for name in plan.configs}
+    return replace(plan, changes={name: listed for name, listed in changes.items() if listed})
 
 
-def inputs_of(run: RecordedRun) -> RealTimeInputs | None:
-    """Return the inputs that the wall clock decided in a real-time run; None where time was exact.
+def given_inputs(run: RecordedRun, states: int) -> GivenInputs | None:
+    """Return the first states' inputs that the record alone tells; None if all follows from the plan.
 
     Raises RecordingError if a controller that is not known gave a command that acted, or if some of what
     acted is not on record.
     """
     period_ns = run.config("simulator").period_ns
-    stamps = run.table(topics.GROUND_TRUTH).stamp_ns
+    stamps = np.arange(states) * period_ns
     inputs = RecordedInputs(run, stamps)
-    if not inputs.recorded:
+    if not (inputs.recorded or run.external):
         return None
     lost = np.flatnonzero(~inputs.command_known)
     if len(lost):
-        at = seconds(int(stamps[lost[0]]))
-        raise RecordingError(
-            f"{run.path}: it cannot be run again: what acted at t = {at:g} s is not on record"
+        raise _refused(
+            run, f"what acted at t = {seconds(int(stamps[lost[0]])):g} s is not on record"
         )
     force = inputs.over(slice(None))
     answered: dict[str, Integers] = {}
     seen: dict[int, float] = {}
     measured, commands = run.table(topics.JOINT_STATES), run.table(topics.EFFORT_COMMAND)
-    for name in run.controllers:
-        processes = run.processes(name)
-        if len(processes) > 1:
-            raise RecordingError(f"{run.path}: it cannot be run again: {name} was restarted")
-        rows = processes[0].rows(commands)
+    for name in run.judgeable:
+        first, *others = run.processes(name)
+        rows = first.rows(commands)
+        if any((p.stamps(commands) < states * period_ns).any() for p in others):
+            raise _refused(run, f"{name} was restarted")
         terms = run.table(topics.controller_state(name)).stamp_ns
         answered[name] = np.intersect1d(commands.stamp_ns[rows], terms)
         place = measured.index(run.config(name).joint)
-        for change in processes[0].changes:
+        for change in first.changes:
             if change.event == Event.ACTIVATED and change.stamp_ns in measured:
                 seen[change.stamp_ns] = measured.get(change.stamp_ns, "position")[place]
     known = np.concatenate([*answered.values(), [-1]])
     strange = np.flatnonzero(~np.isin(force.command_ns, known))
-    if len(strange):
+    if len(strange) and not run.external:
         at = seconds(int(stamps[strange[0]]))
-        raise RecordingError(
-            f"{run.path}: it cannot be run again: at t = {at:g} s a command of an unknown source acts"
-        )
-    return RealTimeInputs(
-        np.where(force.command_ns >= 0, force.command_ns // period_ns, -1),
+        raise _refused(run, f"at t = {at:g} s a command of an unknown source acts")
+    return GivenInputs(
+        force.command_ns,
         force.disturbance,
         force.disturbance_ns,
         answered,
         run.table(topics.DISTURBANCE).stamp_ns,
         seen,
+        force.command if run.external else None,
     )
+
+
+def _refused(run: RecordedRun, reason: str) -> RecordingError:
+    return RecordingError(f"{run.path}: it cannot be run again: {reason}")
 
 
 def why_not_again(run: RecordedRun, commanded: bool = False) -> str:

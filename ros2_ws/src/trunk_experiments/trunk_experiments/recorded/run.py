@@ -29,12 +29,11 @@ if TYPE_CHECKING:
 
 
 # The keys of a branch's provenance.
-OF, PARENT, AT, CHANGES, MADE_BY = (
+OF, PARENT, AT, CHANGES = (
     "branch_of",  # SHA-256 of the parent's file
     "branch_parent",  # its name
     "branch_at",  # s
     "branch_changes",
-    "branch_made_by",  # version and commit
 )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.joint_table import Bools, Integers
-from trunk_msgs_util.units import nanoseconds, seconds
+from trunk_msgs_util.units import seconds
 
 from ..plans.timeline import begins_active
 
@@ -57,28 +56,16 @@ def acts(run: RecordedRun, controller: str, stamps: Integers) -> Bools:
     return acting(stamps, turns, begins_active(run.config(controller), changes))
 
 
-def exact_from_ns(run: RecordedRun) -> float:
-    """Return the stamp, ns, from which on every state is answered at once; infinite if there is none.
-
-    That is the whole of a run whose time was exact, and the simulated part of a branch of a real-time run.
-    """
-    if run.exact:
-        return -1.0
-    return inf if run.branch is None else float(nanoseconds(run.branch.at))
-
-
 def idle_ns(run: RecordedRun) -> Integers:
     """Return the stamps, ns, of the states of an offline run that no controller was to answer.
 
     That is between two controllers that were switched by hand. In a graph this is not known: in
-    lock-step the plant waits for an answer, and in real time an answer may be late. For a branch of a
-    real-time run it is known only in the simulated part. Raises RecordingError and ParameterError as
-    `RecordedRun.changes` and `config` do.
+    lock-step the plant waits for an answer, and in real time an answer may be late. Raises RecordingError
+    and ParameterError as `RecordedRun.changes` and `config` do.
     """
     stamps = run.table(topics.GROUND_TRUTH).stamp_ns
-    if run.mode == "lockstep" or run.another_controller:
+    if run.mode != "offline" or run.another_controller:
         return stamps[:0]
-    stamps = stamps[stamps >= exact_from_ns(run)]
     anybody = np.zeros(len(stamps), bool)
     for name in run.controllers:
         anybody |= acts(run, name, stamps)

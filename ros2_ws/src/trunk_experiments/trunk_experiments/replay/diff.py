@@ -114,7 +114,7 @@ def diff(a: RecordedRun, b: RecordedRun, terms: bool = True) -> RunDiff:
     for relative in (*_TOPICS, *(_state_topics(a, b) if terms else ())):
         here, there = a.joints(relative), b.joints(relative)
         result.compared += max(len(here), len(there))
-        stamps, first = _compare(relative, here, there)
+        stamps, first = compare_topic(relative, here, there)
         steps.update(stamps)
         firsts += [first] if first else []
     result.differing_steps = len(steps)
@@ -214,7 +214,7 @@ def _state_topics(a: RecordedRun, b: RecordedRun) -> list[str]:
     return [topics.controller_state(name) for name in names]
 
 
-def _compare(
+def compare_topic(
     relative: str, a: JointTable, b: JointTable
 ) -> tuple[set[int], FirstDifference | None]:
     """Return the stamps at which a topic differs, and the first difference."""

@@ -138,7 +138,7 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
         except ValueError:
             angle = None
     late = None
-    if whole and run.mode == "real_time":
+    if whole and (run.real_time or run.count(topics.PLANT_INPUTS)):
         from .late import late_steps  # with the plant, which an exact run's doubts need not load
 
         # Messages or parameters that cannot be read are reported elsewhere.

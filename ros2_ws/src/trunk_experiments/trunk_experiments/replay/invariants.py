@@ -122,7 +122,7 @@ def _start_and_end(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     if end.values.get("states") != str(states):
         yield f"{states} states, but the run had {end.values.get('states')} by run/events"
     reason = end.values.get("reason")
-    if run.real_time and (run.branch is None or "commanded" in end.values):
+    if run.real_time:
         held = rerun.inputs.over(slice(0, max(states - 1, 0))).command_ns >= 0
         silent = int(np.argmax(held[::-1])) if held.any() else len(held)
         for name, count in (("commanded", int(held.sum())), ("silent", silent)):
@@ -284,7 +284,7 @@ def _pushes(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
 
 
 def _branch(run: RecordedRun) -> Iterator[str]:
-    """Yield that a branch of a real-time run, which goes on in lock-step, has late steps."""
+    """Yield that a branch of a real-time run has late steps where it is simulated."""
     since_ns = nanoseconds(run.branch.at) if run.branch else 0
     late = late_steps(run, since_ns) if run.branch else None
     if late is not None and late.late:

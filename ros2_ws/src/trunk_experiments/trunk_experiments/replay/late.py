@@ -30,17 +30,20 @@ def late_steps(run: RecordedRun, since_ns: int = 0) -> Late | None:
     A node of somebody else's that answers fewer states than there are has a rate of its own: it may be one
     state off. A command without a state's stamp is neither late nor in time.
     """
-    if not run.real_time or "simulator" not in run.parameters:
+    copy = bool(run.exact and run.count(topics.PLANT_INPUTS))  # of a real-time run: without sources
+    if not (run.real_time or copy) or "simulator" not in run.parameters:
         return None
     stamps = np.unique(run.table(topics.GROUND_TRUTH).stamp_ns)[:-1]
     stamps = stamps[stamps >= since_ns]
     inputs = RecordedInputs(run, stamps)
     force = inputs.over(slice(None))
     periods = {name: run.config(name).period_ns for name in run.judgeable}
+    if copy and not run.external:
+        periods[NO_SOURCE] = max(periods.values(), default=0)
     step_ns = run.config("simulator").period_ns
     every_ns = [
         _usual_gap_ns(run, step_ns)
-        if name == NO_SOURCE
+        if name == NO_SOURCE and name not in periods
         else max(periods.get(name.partition("@")[0], 0), step_ns)
         for name in inputs.sources
     ]

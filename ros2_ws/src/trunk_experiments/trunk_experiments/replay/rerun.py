@@ -35,7 +35,7 @@ from ..plans.plan import RunPlan
 from ..recorded.inputs import RecordedInputs
 from ..recorded.processes import Process, simulator_of
 from ..recorded.run import RecordedRun
-from ..runs.engine import Engine, RecordSource, start_of
+from ..runs.engine import Engine, RecordSource
 from ..runs.loop import reading_of
 from ..runs.schedule import Schedule, Wire
 from ..runs.states import (
@@ -196,10 +196,9 @@ class Rerun:
         self.unreported: list[tuple[int, str, bool]] = []
         self._window: _Window | None = None
         self._span = 0, 0  # rows
-        plan = self._plan
         record = RecordSource(self._given, self._seen if self._partial else None)
-        self.engine = Engine(plan, start_of(plan), record)
-        self._wire = start_of(plan).wire
+        self.engine = Engine(self._plan, record)
+        self._wire = self.engine.wire
 
     @property
     def stamps(self) -> Integers:

@@ -21,7 +21,7 @@ from trunk_sim.step import Measurement
 
 from ..plans.plan import RunPlan
 from ..recorded.run import RecordedRun
-from ..runs.engine import Engine, RecordSource, start_of
+from ..runs.engine import Engine, RecordSource
 from ..runs.loop import reading_of
 from ..runs.schedule import Schedule
 from ..runs.states import ACTIVE, EFFORT, FRESH, States
@@ -53,9 +53,7 @@ class RobotRerun:
         hip = next((config.hip for config in configs if config.hip is not None), NO_HIP)
         self._readings = _readings(run, self.stamps, joint, None if hip == NO_HIP else hip)
         plan = _plan(self, (hip, joint), len(self.stamps))
-        self.engine = Engine(
-            plan, start_of(plan), RecordSource(self._given, self._seen, self.stamps)
-        )
+        self.engine = Engine(plan, RecordSource(self._given, self._seen, self.stamps))
         self._first, self._terms = 0, list[tuple[Bools, Floats]]()
 
     def _seen(self, label: str, stamp_ns: int) -> float | None:

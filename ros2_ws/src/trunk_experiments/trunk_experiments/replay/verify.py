@@ -262,6 +262,4 @@ def _span(run: RecordedRun, rerun: Rerun) -> str:
         return "no state"
     first, last = (seconds(int(stamps[i])) for i in (0, -1))
     mode = _MODES.get(run.mode, f"mode {run.mode or 'unknown'}")
-    if run.branch is not None and not run.exact:
-        mode += f" to t = {run.branch.at:g} s, then in lock-step"
     return f"t = {first:g} to {last:g} s, {len(stamps)} states, {mode}"

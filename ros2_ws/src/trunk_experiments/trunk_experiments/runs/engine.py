@@ -6,7 +6,6 @@ Compiled code computes them where that is possible and faster, CPython otherwise
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from copy import copy
 from functools import lru_cache, partial
 from math import inf
 from typing import Any, NamedTuple
@@ -22,11 +21,11 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.plant import PlantState
 from trunk_sim.simulation import DivergedError, diverged
-from trunk_sim.step import PlantStatus, act, at_rest, noisy
+from trunk_sim.step import PlantStatus, at_rest, noisy
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
-from ..plans.timeline import Change, Timeline, begins_active
+from ..plans.timeline import Timeline, begins_active
 from .loop import DIVERGED, FELL, LoopState, Surroundings, segment_of
 from .loop_inputs import (
     NoiseRows,
@@ -35,14 +34,13 @@ from .loop_inputs import (
     beginning,
     chain_of,
     check,
-    copied,
     for_compiler,
     participants_of,
     states_of,
     surroundings_of,
     values_in,
 )
-from .schedule import Schedule, Wire, continued, of_one_type, wire_of
+from .schedule import Schedule, of_one_type, wire_of
 from .states import ACTIVE, FALLEN, TERMS, States, keep_states, longest, write_terms
 
 
@@ -66,21 +64,18 @@ WORTH_COMPILING = 40_000
 ENDLESS_S = 600.0  # how long an endless run counts as
 
 
-def worth_compiling(config: SimulatorConfig, first: int = 0) -> bool:
-    """Return True for a run that is long enough to make up for loading a loop's compiled code.
-
-    ``first``: the index of the state that it goes on from.
-    """
-    steps = (config.duration or ENDLESS_S) * config.update_rate - first
+def worth_compiling(config: SimulatorConfig) -> bool:
+    """Return True for a run that is long enough to make up for loading a loop's compiled code."""
+    steps = (config.duration or ENDLESS_S) * config.update_rate
     return steps * config.substeps >= WORTH_COMPILING
 
 
-def code_for(plan: RunPlan, first: int, inputs: SegmentInputs, compiled: bool | None) -> Code:
-    """Return the loop of a run from an index on: compiled, where that pays and can be done, or not.
+def code_for(plan: RunPlan, inputs: SegmentInputs, compiled: bool | None) -> Code:
+    """Return the loop of a run: compiled, where that pays and can be done, or not.
 
     Raises PlanError for a law that cannot be ``compiled``, ImportError without numba.
     """
-    if compiled or (compiled is None and worth_compiling(plan.simulator, first)):
+    if compiled or (compiled is None and worth_compiling(plan.simulator)):
         try:
             return _compiled_code(plan, inputs)
         except (ImportError, PlanError):  # numba is optional but faster
@@ -132,48 +127,6 @@ def _compiled_code(plan: RunPlan, inputs: SegmentInputs) -> Code:
     return lambda first, stop, inputs: quick(first, stop, *given(inputs))
 
 
-class Checkpoint(NamedTuple):
-    """A run before its state with index ``first``: all that the rest of it depends on.
-
-    ``simulator``: the configuration in force. The controllers hold their memories themselves.
-    """
-
-    first: int
-    simulator: SimulatorConfig
-    controllers: Mapping[str, Controller]
-    state: LoopState
-    falls: bool  # the trunk fell in this state
-    history: Floats  # [delay + 1, 4], what the sensors still have to see, a row for each state
-    remembered: int  # the oldest state that they have not forgotten
-    wire: Wire | None
-    by_hand: bool  # at times nobody may be active: the last command holds until it is too old
-
-
-def start_of(plan: RunPlan) -> Checkpoint:
-    """Return a plan's run before its first state."""
-    controllers = {name: Controller(config) for name, config in plan.controllers.items()}
-    for name, controller in controllers.items():
-        if not begins_active(plan.controllers[name], plan.changes.get(name, ())):
-            controller.deactivate()
-    simulator = plan.simulator
-    return Checkpoint(
-        0,
-        simulator,
-        controllers,
-        beginning(at_rest(simulator.initial_state, simulator.plant), ()),
-        True,
-        np.empty((simulator.delay_steps + 1, 4)),
-        0,
-        wire_of(
-            simulator.network,
-            states_of(plan),
-            None if plan.inputs is None else plan.inputs.command_index,
-        ),
-        # Only a recorded run has a gap between two controllers.
-        any(plan.changes.get(name) for name in controllers),
-    )
-
-
 def states_of_run(plan: RunPlan, compiled: bool | None = None) -> Iterator[States]:
     """Yield the states of a run in their order; ``compiled``: by compiled code; None: where it pays.
 
@@ -182,6 +135,16 @@ def states_of_run(plan: RunPlan, compiled: bool | None = None) -> Iterator[State
     """
     check(plan)
     return Engine(plan, compiled=compiled).states()
+
+
+def _command_index(plan: RunPlan) -> Integers | None:
+    """Return the state whose command is in force in each state, -1: none; None: always its own."""
+    inputs, states = plan.inputs, states_of(plan)
+    if inputs is None or inputs.command is not None:
+        return None
+    given = np.where(inputs.command_ns >= 0, inputs.command_ns // plan.simulator.period_ns, -1)
+    index: Integers = np.append(given, np.arange(len(given), states))
+    return index[:states]
 
 
 # The schedule of the states with indices in [first, stop).
@@ -201,32 +164,38 @@ class RecordSource(NamedTuple):
 
 
 class Engine:
-    """Runs a plan from a checkpoint on, and is at one between any two states."""
+    """Runs a plan, and can be asked between any two states."""
 
     def __init__(
         self,
         plan: RunPlan,
-        start: Checkpoint | None = None,
         record: RecordSource | None = None,
         compiled: bool | None = None,
+        controllers: Mapping[str, Controller] | None = None,
     ) -> None:
-        """Take a plan that has the configurations in force at the checkpoint, and what changes from there on.
+        """Take other ``controllers`` than those that the plan configures, if they are given.
 
         A ``record``'s states go on after a fall, and may have any number of active controllers. Raises
         PlanError and ImportError as `states_of_run` does.
         """
-        start = start_of(plan) if start is None else start
         self.plan = plan
-        self.index = start.first
-        self.controllers: Mapping[str, Controller] = {
-            name: copy(controller) for name, controller in start.controllers.items()
+        self.index = 0
+        self.controllers = controllers or {
+            name: Controller(config) for name, config in plan.controllers.items()
         }
-        self._side = _PlantSide(start)
-        self._state, self._by_hand = start.state, start.by_hand
-        self._fallen = start.state.trunk.fallen and not start.falls
-        self._history = start.history.copy()
-        longer = wire_of(start.simulator.network, states_of(plan)) if start.first else start.wire
-        self._wire = continued(start.wire, longer, start.first)
+        for name, controller in self.controllers.items():
+            if not begins_active(plan.controllers[name], plan.changes.get(name, ())):
+                controller.deactivate()
+        simulator = plan.simulator
+        trunk = at_rest(simulator.initial_state, simulator.plant)
+        self._side = _PlantSide(simulator, trunk)
+        self._state = beginning(trunk, ())
+        self._fallen = False
+        self._history = np.empty((simulator.delay_steps + 1, 4))
+        self.wire = wire_of(simulator.network, states_of(plan), _command_index(plan))
+        # Only a recorded run has a gap between two controllers.
+        self._by_hand = any(plan.changes.get(name) for name in self.controllers)
+        self._given_states = 0 if plan.inputs is None else len(plan.inputs)
         self._record = record
         planned = PlannedSchedule(plan)
         self._given = planned if record is None else record.given
@@ -242,7 +211,7 @@ class Engine:
         }
         self._of_simulator = plan.timeline("simulator")
         self._of_disturbance = None if plan.disturbance is None else plan.timeline("disturbance")
-        self._of_simulator.advance(self._stamp_ns(self.index) if self.index else -1)
+        self._of_simulator.advance(-1)
         self._length = longest(plan.simulator.substeps)
         self._noise = NoiseRows(plan.simulator.seed, self._length)
         self._compiled = compiled
@@ -252,13 +221,6 @@ class Engine:
         if self._stamps is not None:
             return int(self._stamps[index])
         return index * self.plan.simulator.period_ns
-
-    def to_come(self) -> dict[str, list[Change]]:
-        """Return the changes that have not taken effect yet, by node."""
-        timelines = {**self._timelines, "simulator": self._of_simulator}
-        if self._of_disturbance is not None:
-            timelines["disturbance"] = self._of_disturbance
-        return {name: line.to_come for name, line in timelines.items() if line.to_come}
 
     @property
     def disturbance(self) -> DisturbanceConfig | None:
@@ -287,28 +249,6 @@ class Engine:
         self._state = self._state._replace(trunk=trunk, begun=False)
         self._side.remembered, self._fallen = index, fallen
 
-    def checkpoint(self) -> Checkpoint:
-        """Return the run's checkpoint before the state with index `index`, the step to it made."""
-        self.take_effect()
-        state, falls = self._state, self.index == 0
-        if state.begun:
-            trunk = act(state.trunk, state.effort, state.acting, self._side.config.plant)
-            if trunk.diverged:
-                raise self._divergence()
-            falls = trunk.fallen and not state.trunk.fallen
-            state = state._replace(trunk=trunk, begun=False)
-        return Checkpoint(
-            self.index,
-            self._side.config,
-            {name: copy(controller) for name, controller in self.controllers.items()},
-            state,
-            falls,
-            self._history.copy(),
-            self._side.remembered,
-            copied(self._wire),
-            by_hand=True,
-        )
-
     def _divergence(self) -> DivergedError:
         state = self._state
         plant = self._side.config.plant
@@ -320,6 +260,8 @@ class Engine:
         while self.index < end:
             self.take_effect()
             window = self.index - self.index % self._length + self._length
+            if self.index < self._given_states:
+                window = min(window, self._given_states)
             states, why = self._segment(min(end, window, self._next_change()))
             if len(states.table):
                 yield states
@@ -347,7 +289,7 @@ class Engine:
         first, names = self.index, list(self.controllers)
         disturbance = None if self._of_disturbance is None else self._of_disturbance.config
         surroundings = surroundings_of(
-            self._side.config, disturbance, self._wire, self._side.remembered
+            self._side.config, disturbance, self.wire, self._side.remembered
         )
         if self._record is not None:
             surroundings = surroundings._replace(fall_stop=False)
@@ -366,7 +308,7 @@ class Engine:
             out,
         )
         if self._code is None:
-            self._code = code_for(self.plan, first, inputs, self._compiled)
+            self._code = code_for(self.plan, inputs, self._compiled)
         self.index, why, self._state = self._code(first, stop, inputs)
         for controller, after in zip(controllers, values_in(self._state.memories), strict=True):
             controller.state = after
@@ -391,7 +333,7 @@ class Engine:
         for row in sorted({0, *changes}) if len(active) else ():
             mask = int(active[row])
             acting = [name for place, name in enumerate(names) if mask >> place & 1]
-            expected = self._record is not None or self.plan.inputs is not None
+            expected = self._record is not None or first < self._given_states
             expected = expected or (self._by_hand and not acting)
             if len(acting) != 1 and not expected:
                 at = seconds(self._stamp_ns(first + row))
@@ -412,11 +354,10 @@ class Engine:
 class _PlantSide:
     """What changes of the simulator's parameters, and resets, act on."""
 
-    def __init__(self, start: Checkpoint) -> None:
-        self.config = start.simulator
-        self.remembered = start.remembered
-        self.trunk = start.state.trunk
-        self.index = start.first
+    def __init__(self, config: SimulatorConfig, trunk: PlantStatus) -> None:
+        self.config, self.trunk = config, trunk
+        self.index = 0
+        self.remembered = 0  # the oldest state that the sensors have not forgotten
         self.anew = False
 
     def reconfigure(self, config: SimulatorConfig) -> None:

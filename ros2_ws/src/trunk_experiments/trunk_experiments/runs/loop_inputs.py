@@ -162,7 +162,7 @@ def beginning(trunk: PlantStatus, memories: Chain) -> LoopState:
 
 
 class PlannedSchedule:
-    """What came from outside, by the plan: pushes, references by topic, a real-time run's inputs."""
+    """What came from outside, by the plan: pushes, references by topic, given inputs."""
 
     def __init__(self, plan: RunPlan) -> None:
         self._period_ns = plan.simulator.period_ns
@@ -184,11 +184,13 @@ class PlannedSchedule:
         if self._references:
             values = [self._references.get(at, np.nan) for at in stamps.tolist()]
             schedule = schedule._replace(reference=np.array(values))
-        if (inputs := self._inputs) is not None:
-            answered = [np.isin(stamps, inputs.answered[name]) for name in self._names]
+        if (inputs := self._inputs) is not None and first < len(inputs):
+            answered = [np.isin(stamps, inputs.answered.get(name, ())) for name in self._names]
+            reads = np.array(answered, np.int64).reshape(-1, len(stamps))
             schedule = schedule._replace(
                 disturbance=inputs.disturbance[first:stop],
-                reads=np.ascontiguousarray(np.array(answered, np.int64).T),
+                command=None if inputs.command is None else inputs.command[first:stop],
+                reads=np.ascontiguousarray(reads.T),
             )
         return schedule
 
@@ -214,10 +216,3 @@ class NoiseRows:
             self._first = begin
             self._samples = noise_samples(self._seed, self._length, begin)
         return self._samples[first - begin : stop - begin]
-
-
-def copied(wire: Wire | None) -> Wire | None:
-    """Return links with their own messages in flight."""
-    if wire is None:
-        return None
-    return wire._replace(readings=wire.readings.copy(), commands=wire.commands.copy())

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from trunk_sim.simulation import DivergedError
 
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
+from ..plans.pushes import GivenInputs
 from ..plans.timeline import Change
 from .engine import states_of_run
 from .loop_inputs import disturbance_source, states_of
@@ -57,22 +59,12 @@ class StateMessages:
     """Packs the joint states, commands, terms and disturbances of a plan's run."""
 
     def __init__(
-        self,
-        plan: RunPlan,
-        channels: Mapping[str, int],
-        acting: Callable[[int], Disturbance],
-        first: int = 0,
-        source: Callable[[str], str] = lambda _node: "",
-        held: tuple[float, int, str] = (0.0, -1, ""),
+        self, plan: RunPlan, channels: Mapping[str, int], acting: Callable[[int], Disturbance]
     ) -> None:
-        """``acting`` gives the disturbance at increasing stamps, ns; ``first`` is the first state's index.
-
-        ``source``: of a node's messages. ``held``: the last command before the first state, N m, its stamp
-        and its controller, where what acts is recorded.
-        """
+        """``acting`` gives the disturbance at increasing stamps, ns."""
         self._plan, self._channels, self._acting = plan, channels, acting
-        self._first, self._source, self._held = first, source, held
         self._efforts: Floats = np.empty(0)  # all commands, where earlier ones may act
+        self._last = -1  # the last state that was answered
 
     def stamps(self, first: int, count: int) -> Integers:
         return np.arange(first, first + count) * self._plan.simulator.period_ns
@@ -81,7 +73,7 @@ class StateMessages:
         """Return the messages that come with each state."""
         table, joints = states.table, self._plan.simulator.joints
         every = np.arange(len(table))
-        layout = JointStateLayout(joints, 2, 2, 2, self._source("simulator"))
+        layout = JointStateLayout(joints, 2, 2, 2)
         effort, measured_torque = np.zeros((2, len(table), 2))
         effort[:, 1], measured_torque[:, 1] = table[:, APPLIED], table[:, SEEN_APPLIED]
         rows_of_all = [
@@ -109,57 +101,60 @@ class StateMessages:
         for name, rows in states.answers():
             names = states.term_names.get(name, ())
             rows_of_all += self._answers(name, names, table[rows], stamp_ns[rows], every[rows])
-        if topics.PLANT_INPUTS in self._channels:
-            rows_of_all += self._inputs(states, stamp_ns)
+        if self._plan.inputs is not None:
+            rows_of_all += self._inputs(states, stamp_ns, self._plan.inputs)
         return rows_of_all
 
-    def _inputs(self, states: States, stamp_ns: Integers) -> Iterator[Rows]:
-        """Yield the inputs that act in each state, as the simulator records them in real time."""
+    def _inputs(self, states: States, stamp_ns: Integers, given: GivenInputs) -> Iterator[Rows]:
+        """Yield the inputs that act in each state, as the simulator records them in real time.
+
+        A state that is not given is answered at once.
+        """
         table, count, plan = states.table, len(stamp_ns), self._plan
         values: Floats = np.zeros((count, 5))
-        age: Floats = np.full((count, 5), -1.0)
-        sources: Any = np.full(count, NO_SOURCE, object)
-        if (inputs := plan.inputs) is not None:
-            here = slice(states.first, states.first + count)
-            self._efforts = np.append(self._efforts, table[:, EFFORT])
-            index = inputs.command_index[here]
-            acts, at = index >= 0, index * plan.simulator.period_ns
-            values[acts, 0] = self._efforts[index[acts]]
-            since = inputs.disturbance_ns[here]
-            disturbed = since >= 0
+        self._efforts = np.append(self._efforts, table[:, EFFORT])
+        period_ns, here = plan.simulator.period_ns, np.arange(count) + states.first
+        answered = np.full(count, -1)
+        for _, span in states.answers():
+            answered[span] = here[span]
+        last = np.maximum.accumulate(np.append(self._last, answered))[1:]
+        self._last = int(last[-1])
+        if states.first < len(given):
+            at, since = given.command_ns[here], given.disturbance_ns[here]
+            if given.command is None:
+                values[:, 0] = self._efforts[at // period_ns]
+            else:
+                values[:, 0] = given.command[here]
+                yield self._of_others(given, here)
         else:
-            effort, at_ns, name = self._held
-            held_source = self._source(name) or NO_SOURCE
-            answered = np.zeros(count, bool)
-            for name, span in states.answers():
-                answered[span], sources[span] = True, self._source(name) or NO_SOURCE
-            last = np.maximum.accumulate(np.where(answered, np.arange(count), -1))
-            known = last >= 0
-            at = np.where(known, stamp_ns[last], at_ns)
-            values[:, 0] = np.where(known, table[last, EFFORT], effort)
-            sources = np.where(known, sources[last], held_source)
-            acts = (at >= 0) & (stamp_ns - at <= nanoseconds(plan.simulator.command_timeout))
-            self._held = float(values[-1, 0]), int(at[-1]), name
-            values[~acts, 0], sources[~acts] = 0.0, NO_SOURCE
-            since = stamp_ns
-            disturbed = np.full(count, plan.disturbance is not None)
-        age[acts, 0] = (stamp_ns - at)[acts]
+            at = np.where(last >= 0, last * period_ns, -1)
+            at[stamp_ns - at > nanoseconds(plan.simulator.command_timeout)] = -1
+            values[:, 0] = self._efforts[last]
+            since = stamp_ns if plan.disturbance is not None else np.full(count, -1)
+        values[at < 0, 0] = 0.0
         values[:, 1:3], values[:, 3:] = table[:, ACTING], table[:, OFFSET]
-        age[disturbed, 1:] = (stamp_ns - since)[disturbed, None]
-        other = self._source("disturbance") or NO_SOURCE
-        for source in dict.fromkeys(sources.tolist()):
-            for there, name in ((True, other), (False, NO_SOURCE)):
-                rows = np.flatnonzero((sources == source) & (disturbed == there))
-                frame = " ".join((self._source("simulator") or NO_SOURCE, source, name))
-                if len(rows):
-                    yield self._joints(
-                        topics.PLANT_INPUTS,
-                        rows * PLACES + _INPUTS,
-                        JointStateLayout(INPUT_NAMES, 5, 5, 0, frame),
-                        stamp_ns[rows],
-                        position=values[rows],
-                        velocity=age[rows],
-                    )
+        age = np.column_stack([np.where(ns >= 0, stamp_ns - ns, -1) for ns in (at, *[since] * 4)])
+        yield self._joints(
+            topics.PLANT_INPUTS,
+            np.arange(count) * PLACES + _INPUTS,
+            JointStateLayout(INPUT_NAMES, 5, 5, 0, " ".join([NO_SOURCE] * 3)),
+            stamp_ns,
+            position=values,
+            velocity=age.astype(np.float64),
+        )
+
+    def _of_others(self, given: GivenInputs, here: Integers) -> Rows:
+        """Return the commands of somebody else's node, each with the first state in which it acts."""
+        assert given.command is not None  # for the type
+        at = given.command_ns[here]
+        new = np.flatnonzero((at >= 0) & (at != np.append(-1, given.command_ns)[here]))
+        return self._joints(
+            topics.EFFORT_COMMAND,
+            new * PLACES + _COMMAND,
+            JointStateLayout((self._plan.simulator.joints[1],), 0, 0, 1),
+            at[new],
+            effort=given.command[here[new], None],
+        )
 
     def _disturbances(self, states: States) -> Rows:
         """Return the disturbances: like the node, one step ahead of the state, and both for the first."""
@@ -167,9 +162,10 @@ class StateMessages:
         stamp_ns = self.stamps(states.first, count + 1)
         place = np.arange(-1, count) * PLACES + _DISTURBANCE
         place[0] = _FIRST_DISTURBANCE
-        wanted = np.ones(count + 1, bool)
-        wanted[0] = states.first == self._first
-        if (inputs := self._plan.inputs) is None:
+        wanted = stamp_ns >= self._plan.disturbed_ns
+        wanted[0] &= states.first == 0
+        given = self._plan.inputs
+        if given is None or states.first >= len(given):
             ahead = self._acting(int(stamp_ns[-1]))
             effort, offset = (
                 np.vstack([states.table[:, columns], [values]])
@@ -180,11 +176,12 @@ class StateMessages:
             for row in np.flatnonzero(wanted).tolist():
                 own[row] = self._acting(int(stamp_ns[row]))
             effort, offset = own[:, :2], own[:, 2:]
-            wanted &= np.isin(stamp_ns, inputs.disturbed)
+            later = stamp_ns >= len(given) * self._plan.simulator.period_ns
+            wanted &= np.isin(stamp_ns, given.disturbed) | later
         return self._joints(
             topics.DISTURBANCE,
             place[wanted],
-            JointStateLayout(self._plan.simulator.joints, 2, 0, 2, self._source("disturbance")),
+            JointStateLayout(self._plan.simulator.joints, 2, 0, 2),
             stamp_ns[wanted],
             position=offset[wanted],
             effort=effort[wanted],
@@ -202,7 +199,7 @@ class StateMessages:
         yield self._joints(
             topics.EFFORT_COMMAND,
             rows * PLACES + _COMMAND,
-            JointStateLayout((self._plan.simulator.joints[1],), 0, 0, 1, self._source(name)),
+            JointStateLayout((self._plan.simulator.joints[1],), 0, 0, 1),
             stamp_ns,
             effort=table[:, EFFORT, None],
         )
@@ -210,7 +207,7 @@ class StateMessages:
         yield self._joints(
             topics.controller_state(name),
             rows[fresh] * PLACES + _TERMS,
-            JointStateLayout(names, len(names), frame_id=self._source(name)),
+            JointStateLayout(names, len(names)),
             stamp_ns[fresh],
             position=table[fresh, TERMS : TERMS + len(names)],
         )
@@ -229,20 +226,27 @@ class StateMessages:
 
 Progress = Callable[[int, int], None]
 
-HAS_FALLEN = "the trunk has fallen"  # why a run ends there
+HAS_FALLEN, HAS_ENDED = "the trunk has fallen", "finished"  # why a run ends
 
 
 def record_offline(
-    plan: RunPlan, path: Path, overwrite: bool = False, progress: Progress = lambda done, of: None
+    plan: RunPlan,
+    path: Path,
+    overwrite: bool = False,
+    progress: Progress = lambda done, of: None,
+    origin: Mapping[str, str] = MappingProxyType({}),
 ) -> int:
     """Run the plan and write its recording; return the number of states.
 
-    ``progress`` takes how many states there are by now, and how many there will be.
+    ``progress`` takes how many states there are by now, and how many there will be. ``origin``: more of the
+    provenance.
 
     Raises DivergedError and OSError as `record_states`.
     """
     stretches = states_of_run(plan)
-    return record_states(plan, stretches, path, tuple(plan.controllers), overwrite, progress)
+    return record_states(
+        plan, stretches, path, tuple(plan.controllers), overwrite, progress, origin
+    )
 
 
 def record_states(
@@ -252,6 +256,7 @@ def record_states(
     answering: Sequence[str],
     overwrite: bool = False,
     progress: Progress = lambda done, of: None,
+    origin: Mapping[str, str] = MappingProxyType({}),
 ) -> int:
     """Write the recording of a plan's run that has these states; return how many there are.
 
@@ -261,7 +266,7 @@ def record_states(
     (no file is written then; an existing one stays as it was).
     """
     with atomic_write(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
-        run = OfflineRecorder(plan, answering, writer)
+        run = OfflineRecorder(plan, answering, writer, origin)
         run.open()
         diverged = run.write_all(stretches, progress)
     if diverged is not None:
@@ -269,57 +274,36 @@ def record_states(
     return run.states
 
 
-class Within(NamedTuple):
-    """Where in a recording a run's states are written: by default it holds nothing else."""
-
-    first: int = 0  # index of the first state
-    ahead_ns: int = 0  # log times less stamps
-    name: Callable[[str], str] = "/{}".format  # the absolute name of a topic or node
-    source: Callable[[str], str] = lambda _node: ""  # of a node's messages, by its name
-    held: tuple[float, int, str] | None = (
-        None  # the last command before, N m, its stamp, its controller
-    )
-
-
 class OfflineRecorder:
     """Records what the nodes would have published, stamped and logged in simulated time."""
-
-    at_end = "finished"  # why the run ends at its last state
 
     def __init__(
         self,
         plan: RunPlan,
         answering: Sequence[str],
         writer: RecordingWriter,
-        within: Within = Within(),  # noqa: B008 - immutable
+        origin: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
+        """``answering``: as `record_states`; ``origin``: more of the provenance."""
         self._plan = plan
-        self._answering = answering
+        self._answering, self._origin = answering, dict(origin)
         self._writer = writer
-        self._within = within
         pictures = topics.PICTURES if plan.recorder.markers else {}
         self._channels = {
-            topic: writer.channel(within.name(topic), type_name)
+            topic: writer.channel(f"/{topic}", type_name)
             for topic, type_name in (
                 topics.evidence_types(tuple(answering)) | dict(pictures)
             ).items()
         }
-        if plan.inputs is not None or within.held is not None:
-            name = within.name(topics.PLANT_INPUTS)
+        if plan.inputs is not None:
+            name = f"/{topics.PLANT_INPUTS}"
             self._channels[topics.PLANT_INPUTS] = writer.channel(name, topics.JOINT_STATE_TYPE)
-        self._pushes = [push for push in plan.pushes if push[0] > self._before(within.first)]
+        self._pushes = [*plan.pushes]
         self._film = Film() if pictures else None
         # Each source of disturbances is asked at increasing stamps.
-        self._messages = StateMessages(
-            plan,
-            self._channels,
-            disturbance_source(plan),
-            within.first,
-            within.source,
-            within.held or (0.0, -1, ""),
-        )
+        self._messages = StateMessages(plan, self._channels, disturbance_source(plan))
         self._drawn = disturbance_source(plan)
-        self._last_ns = self._before(within.first)
+        self._last_ns = -1
         self._reference: float | None = None  # the last that a controller told
         self._of_simulator = plan.timeline("simulator")
         # The next change last, as `Timeline` orders a node's.
@@ -327,18 +311,10 @@ class OfflineRecorder:
             (node, change) for node, node_changes in plan.changes.items() for change in node_changes
         ]
         self._changes = sorted(changes, key=lambda change: change[1].stamp_ns)[::-1]
-        self.states = within.first
-
-    def _before(self, state: int) -> int:
-        """Return the stamp before a state's, -1 before the first's."""
-        return (state - 1) * self._plan.simulator.period_ns if state else -1
-
-    def _logged(self, stamp_ns: int) -> int:
-        # A change before the first state is stamped -1 ns.
-        return max(stamp_ns, 0) + self._within.ahead_ns
+        self.states = 0
 
     def _put(self, topic: str, stamp_ns: int, data: bytes) -> None:
-        log_time = self._logged(stamp_ns)
+        log_time = max(stamp_ns, 0)  # a change before the first state is stamped -1 ns
         self._writer.write(self._channels[topic], log_time, log_time, data)
 
     def tell(
@@ -351,8 +327,7 @@ class OfflineRecorder:
     ) -> None:
         """Write an event, by default at the last state's stamp."""
         at_ns = self._last_ns if stamp_ns is None else stamp_ns
-        source = self._within.source(node)
-        data = event(at_ns, self._within.name(node), message, values, level, source)
+        data = event(at_ns, f"/{node}", message, values, level)
         self._put(topics.RUN_EVENTS, at_ns, data)
 
     def open(self) -> None:
@@ -362,30 +337,33 @@ class OfflineRecorder:
             PROVENANCE,
             provenance.gather(
                 scenario=plan.scenario,
-                controller=" ".join(self._answering),
+                controller=" ".join(filter(None, [plan.external, *self._answering])),
                 mode="offline",
                 rmw="none",
-            ),
+            )
+            | self._origin,
         )
         for name, config in plan.configs.items():
             if name != "recorder":
                 self.put_parameters(name, config)
         self.tell(Event.STARTED, {"rate": str(plan.simulator.update_rate)})
+        if plan.external:
+            self.tell(Event.CONNECTED, {"node": f"/{plan.external}"})
 
     def write_all(self, stretches: Iterable[States], progress: Progress) -> DivergedError | None:
         """Write all states and how the run ends, and finish the file; return why it diverged, if it did."""
-        first, states = self._within.first, states_of(self._plan)
+        states = states_of(self._plan)
         try:
             for stretch in stretches:
                 self.write(stretch)
-                progress(self.states - first, states - first)
+                progress(self.states, states)
         except DivergedError as error:
             self.put_changes_to_come()
             self.failed(str(error))
             self._writer.finish(complete=False, reason=str(error))
             return error
         fell = len(stretch.table) - 1 in stretch.falls and self._plan.simulator.fall_stop
-        reason = HAS_FALLEN if fell else self.at_end
+        reason = HAS_FALLEN if fell else HAS_ENDED
         self.put_changes_to_come()
         self.finished(reason)
         self._writer.finish(complete=True, reason=reason)
@@ -399,8 +377,7 @@ class OfflineRecorder:
         self, stamp_ns: int, node: str, new: Mapping[str, Value], changed: Mapping[str, Value]
     ) -> bytes:
         kinds = {name: d.kind for name, d in declarations(NODES[node].config).items()}
-        name, source = self._within.name(node), self._within.source(node)
-        return parameter_event(stamp_ns, name, new, changed, kinds, source)
+        return parameter_event(stamp_ns, f"/{node}", new, changed, kinds)
 
     def _changed(self, states: States) -> Iterator[Rows]:
         """Yield the changes that came from outside before these states, as a graph records them."""
@@ -417,8 +394,7 @@ class OfflineRecorder:
     def _told(self, node: str, change: Change) -> Iterator[tuple[str, bytes]]:
         """Yield the messages that report a change, each with its topic."""
         word = change.event if change.values is None else Event.RETUNED
-        name, source = self._within.name(node), self._within.source(node)
-        yield topics.RUN_EVENTS, event(change.stamp_ns, name, word, source=source)
+        yield topics.RUN_EVENTS, event(change.stamp_ns, f"/{node}", word)
         if change.values is not None:
             changed = self._parameters(change.stamp_ns, node, {}, change.values)
             yield topics.RUN_PARAMETERS, changed
@@ -428,16 +404,12 @@ class OfflineRecorder:
         joints, topic = self._plan.simulator.joints, topics.OPERATOR_PUSH
         while self._pushes and self._pushes[0][0] <= stamp_ns[-1]:
             if topic not in self._channels:
-                name = self._within.name(topic)
-                self._channels[topic] = self._writer.channel(name, topics.JOINT_STATE_TYPE)
+                self._channels[topic] = self._writer.channel(f"/{topic}", topics.JOINT_STATE_TYPE)
             at_ns, applied = self._pushes.pop(0)
             sample = JointSample(at_ns, joints, effort=applied)
-            data = layout_of(sample, self._within.source("simulator")).pack(sample)
+            data = layout_of(sample).pack(sample)
             row = int(np.searchsorted(stamp_ns, at_ns))
             yield self._single(topic, row * PLACES + TURNED, at_ns, data)
-
-    def _later(self, rows: Rows) -> Rows:
-        return rows._replace(time_ns=rows.time_ns + self._within.ahead_ns)
 
     def put_changes_to_come(self) -> None:
         """Write the changes that come after the last state."""
@@ -465,7 +437,7 @@ class OfflineRecorder:
                 rows.append(self._event_row(row, FELL, at_ns, Event.FELL, values, level=1))
             if row in drawn:
                 rows += self._pictures(states, row, at_ns)
-        self._writer.write_rows([self._later(part) for part in rows])
+        self._writer.write_rows(rows)
         self._last_ns = int(stamp_ns[-1])
         self.states += len(states.table)
 
@@ -500,8 +472,7 @@ class OfflineRecorder:
         node: str = "simulator",
         level: int = 0,
     ) -> Rows:
-        source = self._within.source(node)
-        data = event(stamp_ns, self._within.name(node), message, values, level, source)
+        data = event(stamp_ns, f"/{node}", message, values, level)
         return self._single(topics.RUN_EVENTS, row * PLACES + place, stamp_ns, data)
 
     def _single(self, topic: str, place: int, stamp_ns: int, data: bytes) -> Rows:

@@ -11,7 +11,7 @@ import numpy as np
 
 from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.links import Network, Traffic, most_late
+from trunk_sim.links import Network, Traffic
 from trunk_sim.operator_input import Applied, with_operator
 from trunk_sim.plant import PlantState
 from trunk_sim.step import Measurement, PlantStatus
@@ -162,28 +162,11 @@ def wire_of(
     if network is None and command_index is None:
         return None
     steps: Integers = np.arange(states)
-    seen, used, latest = steps, steps, 0
+    seen = used = steps
     if network is not None:
         traffic = Traffic(network)
         seen, used = traffic.measurement_steps(states), traffic.command_steps(states)
-        # What is still under way at the end of a run may arrive if it goes on.
-        latest = most_late(network.command, network.period_ns)
-        latest = min(max(latest, most_late(network.state, network.period_ns)), states)
     if command_index is not None:
         used = np.where(used >= 0, command_index[np.maximum(used, 0)], -1)
-    oldest = (
-        int((steps - seen).max(initial=latest)),
-        int((steps - used)[used >= 0].max(initial=latest)),
-    )
+    oldest = int((steps - seen).max(initial=0)), int((steps - used)[used >= 0].max(initial=0))
     return Wire(seen, used, np.zeros((oldest[0] + 1, 5)), np.zeros(oldest[1] + 1))
-
-
-def continued(wire: Wire | None, longer: Wire | None, index: int) -> Wire | None:
-    """Return the links of a ``longer`` run with the messages of the steps before an index."""
-    if wire is None or longer is None:
-        return longer
-    readings, commands = longer.readings.copy(), longer.commands.copy()
-    for mine, theirs in ((wire.readings, readings), (wire.commands, commands)):
-        for k in range(max(index - min(len(mine), len(theirs)), 0), index):
-            theirs[k % len(theirs)] = mine[k % len(mine)]
-    return longer._replace(readings=readings, commands=commands)
