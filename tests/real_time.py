@@ -13,20 +13,31 @@ import numpy as np
 from numpy.typing import NDArray
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
+from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan
-from trunk_experiments.plans.pushes import RealTimeInputs
-from trunk_experiments.runs.engine import states_of_run
+from trunk_experiments.plans.pushes import GivenInputs
 from trunk_experiments.runs.loop_inputs import disturbance_source, states_of
-from trunk_experiments.runs.offline_recording import OfflineRecorder, Within
+from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
+from trunk_msgs_util.completeness import OF_STATES
 from trunk_msgs_util.events import Event
+from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.schemas import deserialize, event, parse_event, serialize, stamp_of
-from trunk_msgs_util.recording.writer import RecordingWriter
+from trunk_msgs_util.recording.schemas import (
+    deserialize,
+    event,
+    parameter_event,
+    parse_event,
+    parse_parameter_event,
+    serialize,
+)
 from trunk_msgs_util.source import NO_SOURCE
 
-EVENTS, INPUTS = "/run/events", f"/{topics.PLANT_INPUTS}"
+EVENTS, PARAMETERS, INPUTS = "/run/events", "/run/parameters", f"/{topics.PLANT_INPUTS}"
 COMMAND = "/effort_command"
+NOTHING_GIVEN = GivenInputs(
+    np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0, np.int64), {}, np.zeros(0, np.int64), {}
+)
 
 Late = int | NDArray[Any]  # steps, of all or of each state
 
@@ -36,7 +47,7 @@ def source_of(node: str, process: int = 1) -> str:
     return f"{node}@machine-{process}"
 
 
-def late_inputs(plan: RunPlan, commands: Late = 0, disturbances: Late = 0) -> RealTimeInputs:
+def late_inputs(plan: RunPlan, commands: Late = 0, disturbances: Late = 0) -> GivenInputs:
     """Return what acts if messages come so many steps late, an array: in each state."""
     states, period_ns = states_of(plan), plan.simulator.period_ns
     steps = np.arange(states)
@@ -49,8 +60,8 @@ def late_inputs(plan: RunPlan, commands: Late = 0, disturbances: Late = 0) -> Re
         source = disturbance_source(plan)
         values = np.array([source(k * period_ns) for k in range(states)])
         acting = values[disturbed]
-    return RealTimeInputs(
-        np.maximum(command, -1),
+    return GivenInputs(
+        np.where(command >= 0, command * period_ns, -1),
         acting,
         since,
         dict.fromkeys(plan.controllers, steps * period_ns),
@@ -59,18 +70,14 @@ def late_inputs(plan: RunPlan, commands: Late = 0, disturbances: Late = 0) -> Re
     )
 
 
-def record_real_time(plan: RunPlan, path: Path, inputs: RealTimeInputs | None = None) -> Recording:
+def record_real_time(plan: RunPlan, path: Path, inputs: GivenInputs | None = None) -> Recording:
     """Write a plan's run as the nodes do in real time; ``inputs``: what acted, None: each message in time."""
-    plan = replace(plan, inputs=inputs)
-    within = Within(source=source_of, held=(0.0, -1, ""))
+    plan = replace(plan, inputs=inputs or NOTHING_GIVEN)
     source = path.with_suffix(".without_words.mcap")
-    with RecordingWriter(source) as writer:
-        recorder = OfflineRecorder(plan, tuple(plan.controllers), writer, within)
-        recorder.open()
-        assert recorder.write_all(states_of_run(plan), lambda done, of: None) is None
+    record_offline(plan, source)
 
     def edit(messages: list[list]) -> None:
-        name_commands(messages)
+        name_sources(messages)
         configure(messages, *(name for name in plan.configs if name != "recorder"))
         count(messages)
 
@@ -79,16 +86,50 @@ def record_real_time(plan: RunPlan, path: Path, inputs: RealTimeInputs | None = 
     return written
 
 
-def name_commands(messages: list[list]) -> None:
-    """Name the source of each command in force, where the recorder of a plan with inputs does not."""
-    senders = {stamp_at(m[2]): frame_of(m[2]) for m in messages if m[0] == COMMAND}
+def name_sources(messages: list[list]) -> None:
+    """Name the source of each message, and of what it says is in force."""
+    owners = {f"/{topic}": "simulator" for topic in (*OF_STATES, topics.OPERATOR_PUSH)}
+    owners[f"/{topics.DISTURBANCE}"] = "disturbance"
+    senders: dict[int, str] = {}  # of commands, by stamp
+    for message in messages:
+        topic, _, data, *_ = message
+        if topic.endswith("/state"):
+            owner = topic.removeprefix("/").removesuffix("/state")
+            senders[stamp_at(data)] = owner
+            message[2] = in_frame(data, source_of(owner))
+    acting = ""
+    for message in messages:
+        topic, _, data, *_ = message
+        if topic == COMMAND:
+            acting = senders.setdefault(stamp_at(data), acting)  # a skipped state has no terms
+            message[2] = in_frame(data, source_of(acting))
+        elif topic in owners:
+            message[2] = in_frame(data, source_of(owners[topic]))
+        elif topic == EVENTS:
+            said = parse_event(data)
+            source = source_of(said.node.removeprefix("/"))
+            message[2] = event(
+                said.stamp_ns, said.node, said.message, said.values, said.level, source
+            )
+        elif topic == PARAMETERS:
+            said = parse_parameter_event(data)
+            kind = said.node.removeprefix("/")
+            kinds = {name: d.kind for name, d in declarations(NODES[kind].config).items()}
+            message[2] = parameter_event(
+                said.stamp_ns, said.node, said.new, said.changed, kinds, source_of(kind)
+            )
     for message in messages:
         if message[0] == INPUTS:
-            row = deserialize(topics.JOINT_STATE_TYPE, message[2])
-            simulator, _, disturbance = row.header.frame_id.split(" ")
-            age = int(row.velocity[0])
-            sender = senders[stamp_of(row.header.stamp) - age] if age >= 0 else NO_SOURCE
-            message[2] = in_frame(message[2], f"{simulator} {sender} {disturbance}")
+            stamp_ns, (command, disturbance) = stamp_at(message[2]), ages_in(message[2])
+            sender = source_of(senders[stamp_ns - command]) if command >= 0 else NO_SOURCE
+            disturber = source_of("disturbance") if disturbance >= 0 else NO_SOURCE
+            message[2] = in_frame(message[2], f"{source_of('simulator')} {sender} {disturber}")
+
+
+def ages_in(data: bytes) -> tuple[int, int]:
+    """Return the age of a command in force, and of a disturbance, ns."""
+    command, disturbance, *_ = deserialize(topics.JOINT_STATE_TYPE, data).velocity
+    return int(command), int(disturbance)
 
 
 def configure(messages: list[list], *nodes: str, process: int = 1, at: int = 0) -> None:

@@ -98,8 +98,8 @@ def test_a_command_may_be_too_old_where_later_ones_have_not_come(tmp_path, age):
     """Nothing is then in force, and the simulator's rule says when: after 0.2 s, and no step before."""
     plan = make_plan("fig6", "pid", everywhere={"duration": 0.5, "update_rate": 200.0})
     inputs = late_inputs(plan, np.where(np.arange(101) < 60, 0, np.arange(101) - 59))
-    dropped = np.arange(101) - inputs.command_index >= age
-    plan_inputs = replace(inputs, command_index=np.where(dropped, -1, inputs.command_index))
+    dropped = np.arange(101) * 5_000_000 - inputs.command_ns >= age * 5_000_000
+    plan_inputs = replace(inputs, command_ns=np.where(dropped, -1, inputs.command_ns))
     verdict = verify(record_real_time(plan, tmp_path / "run.mcap", plan_inputs))
     assert plan.simulator.command_timeout == 0.2
     assert (verdict.exit_code == VERIFIED) == (age == 41), verdict.reasons

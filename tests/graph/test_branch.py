@@ -9,8 +9,8 @@ import pytest
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 from std_srvs.srv import Trigger
 
-from trunk_experiments.branching.branch import Branch
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.branch import Branch
 from trunk_experiments.replay.diff import RunDiff, diff
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verdict_on
 from trunk_msgs_util import topics

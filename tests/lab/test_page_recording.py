@@ -15,10 +15,9 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from trunk_experiments.branching.branch import Branch, branched, resumed, state_at
-from trunk_experiments.branching.record import record_branch
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.branch import Branch, branch_plan, record_branch
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_experiments.runs import offline_recording
@@ -156,9 +155,9 @@ def test_a_branch_is_recorded(at, settings, tmp_path, monkeypatch):
     record_offline(plan, tmp_path / "parent.mcap")
     parent = RecordedRun.open(tmp_path / "parent.mcap")
     branch = Branch(at, settings)
-    made = branched(parent, resumed(parent, state_at(parent, at)), branch, None)
+    made = branch_plan(parent, branch)
     record_branch(parent, branch, made, tmp_path / "branch.mcap")
-    changed = replace(plan, changes=made.resumed.plan.changes)
+    changed = replace(plan, changes=made.changes)
     values = {
         node: dict(change.values or {})
         for node, changes in changed.changes.items()
@@ -181,7 +180,7 @@ def test_a_disturbance_begins_with_a_branch(at, tmp_path):
     )
     parent = RecordedRun.open(tmp_path / "parent.mcap")
     branch = Branch(at, (*settings[1:], "disturbance.pulse.magnitude=0.5"))
-    made = branched(parent, resumed(parent, state_at(parent, at)), branch, None)
+    made = branch_plan(parent, branch)
     record_branch(parent, branch, made, tmp_path / "branch.mcap")
     after = {"disturbance": {"pulse.magnitude": 0.5}}
     change = offline_recording.Change(round(at * 1e9) - 1, after["disturbance"])

@@ -11,11 +11,11 @@ from ros2_ws.src.trunk_experiments.test.stepwise import steps
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.branching.branch import Branch
 from trunk_experiments.errors import PlanError
 from trunk_experiments.gym.task import make_task
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.branch import Branch
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.late import Late, late_steps
 from trunk_experiments.replay.verify import VERIFIED, verdict_on

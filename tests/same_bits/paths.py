@@ -15,10 +15,9 @@ from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.batch.block import summary_of
 from trunk_experiments.batch.check import column_difference, lane_columns
 from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.branching.branch import Branch, branched, resumed, state_at
-from trunk_experiments.branching.record import record_branch
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.branch import Branch, branch_plan, record_branch
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.engine import states_of_run
@@ -82,8 +81,7 @@ def random_time(run: RecordedRun, random_: random.Random) -> float:
 
 def branched_at(run: RecordedRun, branch: Branch, path: Path) -> RecordedRun:
     """Record a branch of a run."""
-    made = branched(run, resumed(run, state_at(run, branch.at)), branch, None)
-    record_branch(run, branch, made, path, overwrite=True)
+    record_branch(run, branch, branch_plan(run, branch), path, overwrite=True)
     return RecordedRun.open(path)
 
 

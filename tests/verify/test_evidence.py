@@ -545,7 +545,7 @@ def test_a_process_that_gave_no_command_is_not_judged(in_time, tmp_path):
 def test_a_run_in_which_nobody_controlled_says_so_first(tmp_path, held, says):
     plan = make_plan("fig6", "pid", everywhere={"duration": 4.0, "update_rate": 200.0})
     steps = np.arange(801)
-    inputs = replace(late_inputs(plan), command_index=np.where(steps < held, steps, -1))
+    inputs = replace(late_inputs(plan), command_ns=np.where(steps < held, steps * 5_000_000, -1))
     recording = record_real_time(plan, tmp_path / "run.mcap", inputs)
     doubts = doubts_of(RecordedRun(recording), twin=False)
     assert doubts.lines[:1] == ([says] if says else doubts.lines[:1])

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import pytest
 
-from trunk_experiments.branching.branch import Branch, fanned
 from trunk_experiments.cli import main
 from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.branch import Branch, fanned
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
