@@ -39,7 +39,7 @@ _KEPT = 64 << 20
 _BY_SUMMARY = 32 << 20
 
 
-class RecordedFiles:
+class Bag:
     """The file, or a bag's files, of a recording: topics, metadata, and blocks of messages as bytes.
 
     ``warnings`` lists what is missing or damaged, and from which byte on; ``unfinished`` is the one that
@@ -312,7 +312,7 @@ def _report(progress: Callable[[int, int], None], before: int, of: int, done: in
     progress(before + done, of)
 
 
-class Recording(RecordedFiles):
+class Recording(Bag):
     """A run's recording: its files, and what our nodes' messages in them say."""
 
     @classmethod
