@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,9 +17,6 @@ ARITHMETIC = "portable-1"
 
 # What a recording of ours holds, and how; files of another format are not read.
 FORMAT = "2"
-
-# Of a run that a page computed: what ran the page, and the page's digest.
-_MADE_BY, _PAGE, _BROWSER = "made_by", "page", "browser"
 
 UNKNOWN = "unknown"
 NONE = "none"
@@ -57,18 +53,6 @@ def gather(**known: str) -> dict[str, str]:
         **packages_of_laws(),
     }
     return {**origin, **known}
-
-
-def of_page() -> dict[str, str]:
-    """Return the facts about the code in a page that computes runs; the browser adds when and where."""
-    made_elsewhere = {*OF_MACHINE, *_LIBRARIES, "python"}
-    code = {name: text for name, text in gather().items() if name not in made_elsewhere}
-    return {**code, _MADE_BY: _BROWSER}
-
-
-def page_of(origin: Mapping[str, str]) -> str:
-    """Return the digest of the page that computed a run in a browser; empty for other runs."""
-    return origin.get(_PAGE, UNKNOWN) if origin.get(_MADE_BY) == _BROWSER else ""
 
 
 def unrepeatable(arithmetic: str) -> str:

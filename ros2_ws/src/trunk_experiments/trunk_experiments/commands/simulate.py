@@ -28,6 +28,7 @@ from ..console.terminal import line_of, report_error
 from ..errors import PlanError
 
 if TYPE_CHECKING:
+    from ..lab.experiment import Experiment
     from ..plans.plan import RunPlan
 
 
@@ -42,8 +43,8 @@ _LONG = 100_000  # states, which take seconds
 @click.option(
     "--like",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    metavar="RUN.mcap",
-    help="Repeat a recorded run from its recording; in place of SCENARIO.",
+    metavar="RUN.mcap|EXPERIMENT.json",
+    help="Repeat a recorded run, or an experiment saved in a browser; in place of SCENARIO.",
 )
 @json_option("simulate-1")
 def command(
@@ -69,26 +70,52 @@ def command(
         of = f"{Path(options['scenario'] or '').stem}_{options['controller']}"
         output = Path(f"{of}.mcap") if like is None else default_name(like, "_again.mcap")
     check_output(output, (".mcap",), force, inputs if like is None else [*inputs, like])
+    experiment = _experiment(like, markers) if like and like.suffix.lower() == ".json" else None
     try:
-        if like is None:
+        if experiment is not None:
+            plan = experiment.plan
+        elif like is None:
             plan = plan_of(**options, extra={"markers": True} if markers else {})
         else:
             plan = open_run(like).plan()
             plan = replace(plan, recorder=replace(plan.recorder, markers=markers))
-        states, diverged = recorded(plan, output, force)
+        states, diverged, difference = recorded(plan, output, force, experiment)
     except (PlanError, ParameterError) as error:
         if like is None:
             raise
         raise RecordingError(f"{like}: it cannot be run again: {error}") from None
     if as_json:
         failure = None if diverged is None else line_of(diverged)
+        compared = experiment is not None and bool(experiment.sha256 or difference)
         document = {**written_values(output), **plan_values(plan), "failure": failure}
-        write_json("simulate-1", document)
-    elif diverged is None:
-        show_written_doubts(output)
-        click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")
+        write_json("simulate-1", {**document, "same_bits": not difference if compared else None})
+    else:
+        if difference:
+            click.echo(f"DIFFERS: {difference}")
+        if diverged is None:
+            show_written_doubts(output)
+            click.echo(
+                f"{output}: {states} states, {plan.scenario}, {plan.turns}{_bits(experiment, difference)}"
+            )
     if diverged is not None:
         click.get_current_context().exit(report_error(diverged))
+    click.get_current_context().exit(1 if difference else 0)
+
+
+def _experiment(path: Path, markers: bool) -> Experiment:
+    from ..lab.experiment import read_experiment
+
+    experiment = read_experiment(path)
+    recorder = replace(experiment.plan.recorder, markers=markers)
+    return experiment._replace(plan=replace(experiment.plan, recorder=recorder))
+
+
+def _bits(experiment: Experiment | None, difference: str) -> str:
+    if experiment is None or difference:
+        return ""
+    if not experiment.sha256:
+        return "; the browser took no digest, so that the bits are not compared"
+    return ": the same bits as in the browser"
 
 
 def _check_alone(context: click.Context) -> None:
@@ -102,18 +129,24 @@ def _check_alone(context: click.Context) -> None:
                 "scenario": "SCENARIO",
             }
             raise PlanError(
-                f"{given.get(name, f'--{name}')} does not go with --like: the recording says what is run; "
+                f"{given.get(name, f'--{name}')} does not go with --like: the file says what is run; "
                 "give a SCENARIO to run another"
             )
 
 
-def recorded(plan: RunPlan, output: Path, force: bool) -> tuple[int, DivergedError | None]:
-    """Run a plan into a file, showing progress; return the number of states, or why it diverged."""
+def recorded(
+    plan: RunPlan, output: Path, force: bool, experiment: Experiment | None
+) -> tuple[int, DivergedError | None, str]:
+    """Run a plan into a file, showing progress: how many states, why it diverged, how it differs."""
     from ..console.progress import progress_bar
     from ..runs.offline_recording import record_offline
 
     with progress_bar(f"simulating {plan.scenario}", _LONG) as tell_done:
+        if experiment is not None:
+            from ..lab.experiment import record_experiment
+
+            return record_experiment(experiment, output, force, tell_done)
         try:
-            return record_offline(plan, output, overwrite=force, progress=tell_done), None
+            return record_offline(plan, output, overwrite=force, progress=tell_done), None, ""
         except DivergedError as error:
-            return 0, error
+            return 0, error, ""

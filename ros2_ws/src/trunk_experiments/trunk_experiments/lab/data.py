@@ -14,15 +14,8 @@ from typing import Any
 
 from jinja2.utils import htmlsafe_json_dumps
 
-from trunk_control.laws import law_named
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import declarations, values_of
-from trunk_msgs_util.provenance import NONE, of_page
-from trunk_msgs_util.recording import rosbag2
-from trunk_msgs_util.recording.schemas import definition
-from trunk_msgs_util.recording.writer import PROFILE
 from trunk_msgs_util.units import NANOSECONDS, nanoseconds
 from trunk_sim.disturbances import CHANNELS, Disturbance
 from trunk_sim.simulation import TOO_FAR, UNSTABLE
@@ -35,123 +28,13 @@ from ..gateway.protocol import plain
 from ..parts.inline import inline, part, script_sources
 from ..parts.page import STYLES, page, scripts
 from ..plans.plan import RunPlan
-from ..runs import states
 from ..runs.loop_inputs import check_compilable, states_of
-from ..runs.offline_recording import HAS_ENDED, HAS_FALLEN
+from ..runs.states import TERMS
 from ..views.report_data import CHANNEL_TEXTS
+from .experiment import FORMAT
 from .knobs import Knob, KnobSearch, NodeKnobs, RuleKnob
 from .program import CHUNK, LabProgram, numbers_of_loop
 from .wasm import wasm_of
-
-_ZERO = -1  # instead of a column
-_NO_COLUMNS = slice(0, 0)
-_EVENTS = (Event.STARTED, Event.RETUNED, Event.FELL, Event.FINISHED, Event.FAILED)
-
-
-def recording_template(plans: Mapping[str, RunPlan]) -> dict[str, Any]:
-    """Return, as JSON has it, what a lab needs besides numbers and parameters to record these plans' runs.
-
-    A type has its definition, the metadata of its channels and their part of the bag's summary; a stream of
-    joint states its topic, its names, and for each value its column in the table of `runs.states`. The plans
-    are such as `data.check_plan` accepts.
-    """
-    origin = of_page()
-    runs = {name: _run(name, plan, origin) for name, plan in plans.items()}
-    topic_of = {type_name: topic for run in runs.values() for topic, type_name in run["channels"]}
-    summaries = {type_name: _summary(topic, type_name) for type_name, topic in topic_of.items()}
-    head, _, tail = summaries[topics.JOINT_STATE_TYPE]
-    return {
-        "header": [PROFILE, f"trunk_experiments {origin['trunk_experiments']}, in a browser"],
-        "types": {
-            type_name: {
-                "definition": definition(type_name).decode(),
-                "metadata": rosbag2.channel_metadata(topic, type_name),
-                "summary": summaries[type_name][1],
-            }
-            for type_name, topic in topic_of.items()
-        },
-        "summary": [head, tail],
-        "topics": {
-            "events": _absolute(topics.RUN_EVENTS),
-            "parameters": _absolute(topics.RUN_PARAMETERS),
-        },
-        "words": {event.name.lower(): event.value for event in _EVENTS},
-        "reasons": {"fell": HAS_FALLEN, "end": HAS_ENDED},
-        "columns": {
-            "angle": _columns(states.POSITION)[1],
-            "updated": states.FRESH,
-            "disturbance": _columns(states.ACTING) + _columns(states.OFFSET),
-        },
-        "runs": runs,
-    }
-
-
-def _absolute(topic: str) -> str:
-    return f"/{topic}"
-
-
-def _columns(columns: slice) -> list[int]:
-    return list(range(columns.start, columns.stop))
-
-
-def _summary(topic: str, type_name: str) -> tuple[str, str, str]:
-    """Return the summary of a bag with one topic: before it, its part, after it; with words for numbers."""
-    count = rosbag2.TopicCount(topic, type_name, 0)
-    (text,) = rosbag2.summary_record(rosbag2.BagSummary((count,), 0, 0)).values()
-    text = text.replace("message_count: 0", "message_count: COUNT").replace(topic, "TOPIC")
-    text = text.replace("duration:\n  nanoseconds: 0", "duration:\n  nanoseconds: DURATION")
-    head, begin, rest = text.partition("- topic_metadata:")
-    part, end, tail = rest.partition("compression_format:")
-    return head, begin + part, end + tail
-
-
-def _run(name: str, plan: RunPlan, origin: Mapping[str, str]) -> dict[str, Any]:
-    """Return the part of the template in which the controllers differ."""
-    known = {"scenario": plan.scenario, "controller": name, "mode": "offline", "rmw": NONE}
-    types = topics.evidence_types((name,))
-    return {
-        "provenance": {**origin, **known},
-        "channels": [[_absolute(topic), type_name] for topic, type_name in types.items()],
-        "streams": _streams(name, plan.simulator.joints),
-        "nodes": [node for node in plan.configs if node != "recorder"],
-        "rate": str(plan.simulator.update_rate),
-    }
-
-
-def _streams(name: str, joints: tuple[str, ...]) -> dict[str, Any]:
-    """Return the messages of joint states that come with a state; the columns of pushes are theirs alone."""
-    terms = law_named(name).record_names
-    of_terms = slice(states.TERMS, states.TERMS + len(terms))
-    seen = states.SEEN_POSITION, states.SEEN_VELOCITY
-    return {
-        "truth": _layout(
-            topics.GROUND_TRUTH, joints, states.POSITION, states.VELOCITY, [_ZERO, states.APPLIED]
-        ),
-        "disturbance": _layout(
-            topics.DISTURBANCE, joints, states.OFFSET, effort=_columns(states.ACTING)
-        ),
-        "measured": _layout(topics.JOINT_STATES, joints, *seen, [_ZERO, states.SEEN_APPLIED]),
-        "command": _layout(topics.EFFORT_COMMAND, joints[1:], effort=[states.EFFORT]),
-        "terms": _layout(topics.controller_state(name), terms, of_terms),
-        "push": _layout(topics.OPERATOR_PUSH, joints, effort=[0, 1]),
-    }
-
-
-def _layout(
-    topic: str,
-    names: Sequence[str],
-    position: slice = _NO_COLUMNS,
-    velocity: slice = _NO_COLUMNS,
-    effort: Sequence[int] = (),
-) -> dict[str, Any]:
-    return {
-        "topic": _absolute(topic),
-        "names": names,
-        "position": _columns(position),
-        "velocity": _columns(velocity),
-        "effort": effort,
-    }
-
 
 MOST_STATES = 200_000  # a table in a page's memory
 _NOISE = ("surroundings.sensor.position_noise", "surroundings.sensor.velocity_noise")
@@ -242,7 +125,7 @@ def lab_of(
         },
         "commands": {name: list(words) for name, words in commands.items()},
         "divergence": {"too_far": TOO_FAR, "unstable": UNSTABLE},
-        "recording": recording_template(plans),
+        "experiment": {"format": FORMAT, "columns": TERMS},
         "programs": programs,
     }
 
@@ -345,9 +228,7 @@ def _packed(data: bytes) -> str:
 _ASSETS = files(__package__) / "assets"
 # Before the parts: what stands in the place of a connection. Behind them: what a lab alone has.
 _COMPUTING = ("python_numbers.js", "engine.js")
-_CODING = ("bytes.js", "crc32.js", "blake2b.js", "cdr.js", "mcap.js")
-_RECORDING = (*_CODING, "recording_writer.js", "recorder.js")
-_FEED = (*_COMPUTING, *_RECORDING, "setup.js", "feed.js")
+_FEED = (*_COMPUTING, "setup.js", "feed.js")
 _OWN = ("events.js", "lab.js")
 
 

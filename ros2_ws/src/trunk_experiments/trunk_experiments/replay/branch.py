@@ -83,7 +83,6 @@ def branch_plan(run: RecordedRun, branch: Branch, until: float | None = None) ->
     """
     stamp_ns = _stamp_ns(run, branch)
     period_ns, at = run.config("simulator").period_ns, seconds(stamp_ns)
-    before_ns = max(stamp_ns - period_ns, -1)
     plan = plan_from(run, stamp_ns // period_ns)
     if until is not None:
         if not until >= at:
@@ -91,18 +90,33 @@ def branch_plan(run: RecordedRun, branch: Branch, until: float | None = None) ->
         layer = Layer("--duration", (Section("simulator", {"duration": until}),))
         duration = _config(plan, "simulator", [layer], stamp_ns).duration
         plan = replace(plan, simulator=replace(plan.simulator, duration=duration))
-    changes = {node: [*listed] for node, listed in plan.changes.items()}
     if branch.controller:
-        plan = _with_controller(run, plan, branch.controller, stamp_ns, changes)
-    pushes = [parse_push(text, at) for text in branch.pushes]
+        plan = _with_controller(run, plan, branch.controller, stamp_ns)
     layers = [parse_setting(text) for text in branch.settings]
     check_names(layers, declared_names())
+    plan = with_settings(plan, stamp_ns, layers, [parse_push(text, at) for text in branch.pushes])
+    controllers = {name: c for name, c in plan.controllers.items() if _ever_acts(plan, name)}
+    plan = replace(plan, controllers=controllers)
+    check_joints(plan)
+    check_rates(plan)
+    return plan
+
+
+def with_settings(
+    plan: RunPlan, stamp_ns: int, layers: Sequence[Layer], pushes: Sequence[Push] = ()
+) -> RunPlan:
+    """Return a plan with parameters that change, and pulses, from the state with a stamp on.
+
+    A disturbance that the plan does not have begins there. Raises as `branch_plan` does.
+    """
+    before_ns = max(stamp_ns - plan.simulator.period_ns, -1)
     named = {section.pattern for layer in layers for section in layer.sections}
     if plan.disturbance is None and (pushes or "disturbance" in named):
         quiet = DisturbanceConfig(
             update_rate=plan.simulator.update_rate, joints=plan.simulator.joints
         )
         plan = replace(plan, disturbance=quiet, disturbed_ns=stamp_ns)
+    changes = {node: [*listed] for node, listed in plan.changes.items()}
     for node in sorted(named | ({"disturbance"} if pushes else set())):
         since_ns = stamp_ns if node == "simulator" else before_ns
         values = _changed(plan, node, layers, since_ns)
@@ -113,12 +127,7 @@ def branch_plan(run: RecordedRun, branch: Branch, until: float | None = None) ->
             values |= made
         if values:
             changes.setdefault(node, []).append(Change(since_ns, values))
-    plan = replace(plan, changes={node: listed for node, listed in changes.items() if listed})
-    controllers = {name: c for name, c in plan.controllers.items() if _ever_acts(plan, name)}
-    plan = replace(plan, controllers=controllers)
-    check_joints(plan)
-    check_rates(plan)
-    return plan
+    return replace(plan, changes={node: listed for node, listed in changes.items() if listed})
 
 
 def _stamp_ns(run: RecordedRun, branch: Branch) -> int:
@@ -191,10 +200,8 @@ def _changed(plan: RunPlan, node: str, layers: Sequence[Layer], stamp_ns: int) -
     return changed
 
 
-def _with_controller(
-    run: RecordedRun, plan: RunPlan, name: str, at_ns: int, changes: dict[str, list[Change]]
-) -> RunPlan:
-    """Return the plan with a controller that acts from a state on; its turns go to ``changes``."""
+def _with_controller(run: RecordedRun, plan: RunPlan, name: str, at_ns: int) -> RunPlan:
+    """Return the plan with a controller that acts from a state on."""
     end_ns = nanoseconds(plan.simulator.duration)
     for node, config in plan.controllers.items():
         later = [seconds(t) for t in config.active_times_ns if at_ns <= t <= end_ns]
@@ -207,15 +214,18 @@ def _with_controller(
     if acting == [name]:
         raise PlanError(f"--controller {name}: it already acts at t = {seconds(at_ns):g} s")
     before_ns = max(at_ns - plan.simulator.period_ns, -1)
-    for node, listed in changes.items():
-        changes[node] = [
+    changes = {
+        node: [
             c
             for c in listed
             if c.values is not None or c.event not in TURNS or c.stamp_ns <= before_ns
         ]
+        for node, listed in plan.changes.items()
+    }
     for node in acting:
         changes.setdefault(node, []).append(Change(before_ns, None, Event.DEACTIVATED))
     changes.setdefault(name, []).append(Change(before_ns, None, Event.ACTIVATED))
+    plan = replace(plan, changes=changes)
     if name not in plan.controllers:
         config = _new_controller(plan, name, acting)
         plan = replace(plan, controllers={**plan.controllers, name: config})

@@ -10,7 +10,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.provenance import PACKAGE, packages_of_laws, page_of, unrepeatable
+from trunk_msgs_util.provenance import PACKAGE, packages_of_laws, unrepeatable
 from trunk_msgs_util.recording.digests import DIGESTS, END, PROVENANCE
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import describes
@@ -59,8 +59,6 @@ def verdict_on(run: RecordedRun) -> Verdict:
     verdict.obstacles += [*recording.seen_otherwise, *_ambiguous(recording)]
     verdict.altered = recording.alterations()
     verdict.notes += [run.branch.describe()] if run.branch else []
-    if page := page_of(recording.provenance):
-        verdict.notes.append(f"computed in a browser, by the page {page[:12]}…")
     verdict.notes += _other_packages(run)
     if uncovered := recording.undigested():
         verdict.obstacles.append(f"no digests of {', '.join(uncovered)}: an edit would not show")

@@ -153,13 +153,16 @@
     if (kind === "link") openLink();
     else if (kind === "setup") {
       delete document.documentElement.dataset.whole;
-      at("save-recording").disabled = true;
+      at("save-experiment").disabled = at("save-csv").disabled = true;
       at("saved").textContent = "";
       chips();
     } else if (kind === "whole") {
       results();
-      at("save-recording").disabled = false;
-    } else if (kind === "run") at("save-recording").textContent = `Save recording of ${selected()}`;
+      at("save-experiment").disabled = at("save-csv").disabled = false;
+    } else if (kind === "run") {
+      at("save-experiment").textContent = `Save experiment of ${selected()}`;
+      at("save-csv").textContent = `Save states of ${selected()} as CSV`;
+    }
   });
   const openLink = async () => {
     const fragment = location.hash.slice(1);
@@ -182,21 +185,30 @@
     take({ ...setup, branch: { at_ns: index * lab.period_ns, values: setup.branch?.values ?? {} } });
   });
   at("reset-all").addEventListener("click", () => take(freshSetup()));
-  at("save-recording").addEventListener("click", () => {
-    const name = selected();
-    const run = wire.engines[known.shown];
-    const bytes = recordingOf(lab, name, run);
+  // Save a text as a file and say what is in it, and what comes next.
+  const save = (text, file, contents, next, command) => {
+    const blob = new Blob([text], { type: "text/plain" });
     const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob([bytes], { type: "application/octet-stream" }));
-    link.download = setups.fileOf(lab, name, "lab");
+    link.href = URL.createObjectURL(blob);
+    link.download = file;
     link.click();
     URL.revokeObjectURL(link.href);
-    const kept = ["all states", "commands", "parameters", ...[...at("chips").children].map(({ textContent }) => textContent.replace(" ✕", ""))];
-    at("saved").replaceChildren(
-      `Saved ${link.download}, ${showNumber(bytes.length / 1e6, 3)} MB: the run of ${name}, ${seconds(((run.count - 1) * lab.period_ns) / 1e9)}, `
-      + `with ${kept.join(", ")}. Next, where trunk is installed: `,
-      made("code", `trunk verify ${link.download}`),
-    );
+    at("saved").replaceChildren(`Saved ${file}, ${showNumber(blob.size / 1e3, 3)} kB: ${contents}. ${next}`, made("code", command));
+  };
+  const computedRun = () => [selected(), wire.engines[known.shown]];
+  at("save-experiment").addEventListener("click", async () => {
+    const [name, run] = computedRun();
+    const file = `${setups.stemOf(lab, name)}.json`;
+    const experiment = await setups.experiment(lab, name, run);
+    const kept = ["all parameters", ...[...at("chips").children].map(({ textContent }) => textContent.replace(" ✕", ""))];
+    const bits = experiment.sha256 ? "and says whether all bits are these" : "without comparing the bits: a page without https takes no digest";
+    save(JSON.stringify(experiment, null, 1), file, `the run of ${name}, with ${kept.join(", ")}`,
+      `Where trunk is installed, this makes its recording ${bits}: `, `trunk simulate --like ${file}`);
+  });
+  at("save-csv").addEventListener("click", () => {
+    const [name, run] = computedRun();
+    const file = `${setups.stemOf(lab, name)}.csv`;
+    save(setups.csv(lab, run), file, `all ${run.count} states of the run of ${name}, in SI units and radians`, "A spreadsheet opens it.", "");
   });
   at("glossary").querySelector("dl").append(...Object.values(lab.quantities).flatMap(([label, unit, , meaning]) => [made("dt", `${label}, ${unit}`), made("dd", meaning)]));
   // Show a text that is copied, so that it can be read, and copied by hand.

@@ -4,14 +4,6 @@ const pythonNumbers = (() => {
   const signed = (value, text) => (value < 0 || Object.is(value, -0) ? `-${text}` : text);
   const scientific = (digits, exponent) => `${digits}e${exponent < 0 ? "-" : "+"}${String(Math.abs(exponent)).padStart(2, "0")}`;
 
-  // As `repr`: the shortest digits that give the same double.
-  const repr = (value) => {
-    const size = Math.abs(value);
-    const [digits, exponent] = size.toExponential().split("e");
-    if (size && (exponent < -4 || exponent > 15)) return signed(value, scientific(digits, exponent));
-    return signed(value, Number.isInteger(size) ? `${size}.0` : String(size));
-  };
-
   // As the format `.Ng`: so many digits at most; halfway between two, the even one.
   const general = (value, count) => {
     const size = Math.abs(value);
@@ -27,5 +19,5 @@ const pythonNumbers = (() => {
   // A text with values in the place of {name:.Ng}.
   const format = (text, values) => text.replace(/\{(\w+):(?:\.(\d+))?g\}/g, (_, name, count) => general(values[name], Number(count ?? 6)));
 
-  return { repr, format };
+  return { format };
 })();

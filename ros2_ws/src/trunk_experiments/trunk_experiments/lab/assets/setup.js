@@ -1,7 +1,32 @@
 "use strict";
-// An experiment as a link and as commands: plain data, `engine.js` says which. Nothing here touches the page.
+// An experiment as a link, a file and commands: plain data, `engine.js` says which. Nothing here touches the page.
 const freshSetup = () => ({ values: {}, branch: null, pushes: [] });
 const isDefaultSetup = ({ values, branch, pushes }) => !Object.keys(values).length && !branch && !pushes.length;
+
+// What disturbs when a run starts, and what a branch makes of it, as `trunk simulate` and `trunk branch` have it.
+const disturbing = (() => {
+  const SHARED = ["update_rate", "joints"]; // with the simulator
+  // Whether any signal is not zero: the node runs only then.
+  const active = (values) => {
+    const pulses = values["pulse.start_times"].length || values["pulse.random_count"];
+    return Boolean((pulses && values["pulse.magnitude"] && values["pulse.duration"])
+      || values["sine.amplitude"] || values["noise.rms"] || values["table.values"].some(Boolean));
+  };
+  // The parameters of a node that comes with a branch, before the branch changes them.
+  const fresh = (lab) => Object.fromEntries(Object.entries(lab.declared.disturbance).map(
+    ([name, { default: usual }]) => [name, SHARED.includes(name) ? lab.nodes.disturbance.parameters[name] : usual],
+  ));
+  // null, or a run that nothing disturbs when it starts: what a branch starts from, and what it changes.
+  const late = (lab, { values, branch }) => {
+    if (!lab.nodes.disturbance) return null;
+    const first = { ...lab.nodes.disturbance.parameters, ...values.disturbance };
+    if (active(first)) return null;
+    const before = fresh(lab);
+    const after = Object.keys(branch?.values.disturbance ?? {}).length ? { ...first, ...branch.values.disturbance } : before;
+    return { before, changed: Object.fromEntries(Object.entries(after).filter(([name, value]) => JSON.stringify(value) !== JSON.stringify(before[name]))) };
+  };
+  return { late };
+})();
 
 const setups = (() => {
   const VERSION = 1;
@@ -93,24 +118,57 @@ const setups = (() => {
     return value.flatMap((row, i) => cells(row).flatMap((label, j) =>
       (label === cells(parameters[name][i])[j] ? [] : ["--set", `${node}.${name}.${rules.error[i]}.${rules.rate[j]}=${label}`])));
   }));
-  const fileOf = (lab, ...names) => `${[lab.scenario.replace(/^.*\//, "").replace(/\.ya?ml$/, "").replace(/[^\w.-]+/g, "_"), ...names].join("_")}.mcap`;
+  const stemOf = (lab, ...names) => [lab.scenario.replace(/^.*\//, "").replace(/\.ya?ml$/, "").replace(/[^\w.-]+/g, "_"), ...names].join("_");
+  // SHA-256 of the numbers of all states; null where a browser takes none: on a page without https.
+  const digest = async ({ table, width, count }, columns) => {
+    if (!globalThis.crypto?.subtle) return null;
+    const numbers = new Float64Array(count * columns);
+    for (let k = 0; k < count; k++) numbers.set(table.subarray(k * width, k * width + columns), k * columns);
+    const bytes = new Uint8Array(await crypto.subtle.digest("SHA-256", numbers));
+    return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+  };
+  // What `trunk simulate --like` repeats: a controller's run in this experiment, and what came of it.
+  const experiment = async (lab, name, run) => {
+    const { setup, count } = run;
+    const nodes = ["simulator", "disturbance", name].filter((node) => lab.nodes[node]);
+    const { branch } = setup;
+    const late = branch && branch.at_ns < count * lab.period_ns && Object.entries(branch.values).filter(([node]) => nodes.includes(node));
+    return {
+      format: lab.experiment.format, scenario: lab.scenario, controller: name, page: lab.digest,
+      parameters: Object.fromEntries(nodes.map((node) => [node, parametersOf(lab, { ...setup, branch: null }, node)])),
+      branch: late ? { at_ns: branch.at_ns, parameters: Object.fromEntries(late) } : null,
+      pushes: setup.pushes, states: count, sha256: await digest(run, lab.experiment.columns),
+    };
+  };
+  // All states as CSV in SI units; a term has its value where the law was updated.
+  const csv = (lab, { names, table, width, count }) => {
+    const shown = names.filter((name) => name !== "drive");
+    const fresh = names.indexOf("fresh");
+    const lines = [["t", ...shown].join(",")];
+    for (let k = 0; k < count; k++) {
+      const row = table.subarray(k * width, k * width + shown.length);
+      const cells = Array.from(row, (value, i) => (i < lab.experiment.columns || row[fresh] ? value : ""));
+      lines.push([(k * lab.period_ns) / 1e9, ...cells].join(","));
+    }
+    return `${lines.join("\n")}\n`;
+  };
   // The commands that compute a controller's run anew, with the same bits.
   const commands = (lab, name, setup) => {
     const line = (words) => words.map(quoted).join(" ");
     const nodes = ["simulator", "disturbance", name];
-    const file = fileOf(lab, name);
+    const file = `${stemOf(lab, name)}.mcap`;
     if (setup.pushes.length) {
       return [
-        `# the pushes by hand are in the recording: save that of ${name} first`,
-        line(["trunk", "simulate", "--like", fileOf(lab, name, "lab"), "-o", file]),
+        `# the pushes by hand are in the experiment: save that of ${name} first`,
+        line(["trunk", "simulate", "--like", `${stemOf(lab, name)}.json`, "-o", file]),
       ];
     }
     const lines = [line([...lab.commands[name], ...settings(lab, setup.values, nodes), "-o", file])];
     const before = Object.fromEntries(nodes.map((node) => [node, { ...lab.nodes[node], parameters: parametersOf(lab, { ...setup, branch: null }, node) }]));
     const late = disturbing.late(lab, setup);
     const changes = setup.branch ? settings({ ...lab, nodes: before }, { ...setup.branch.values, ...(late && { disturbance: late.changed }) }, nodes) : [];
-    if (changes.length) lines.push(line(["trunk", "branch", file, "--at", String(setup.branch.at_ns / 1e9), ...changes, "-o", fileOf(lab, name, "branch")]));
+    if (changes.length) lines.push(line(["trunk", "branch", file, "--at", String(setup.branch.at_ns / 1e9), ...changes, "-o", `${stemOf(lab, name, "branch")}.mcap`]));
     return lines;
   };
-  return { link, open, parametersOf, commands, fileOf };
+  return { link, open, parametersOf, commands, experiment, csv, stemOf };
 })();
