@@ -1,11 +1,8 @@
-// The page's scripts as Node runs them: `load(ASSETS, ["recordingOf"])` returns what they define.
+// The page's scripts as Node runs them: `load(ASSETS, ["openEngine"])` returns what they define.
 import fs from "node:fs";
 import path from "node:path";
 
-const FILES = [
-  ...["python_numbers", "engine"],
-  ...["bytes", "crc32", "blake2b", "cdr", "mcap", "recording_writer", "recorder"],
-];
+const FILES = ["python_numbers", "engine", "setup"];
 
 export const load = (assets, names, more = "") => {
   const source = FILES.map((name) => fs.readFileSync(path.join(assets, `${name}.js`), "utf8")).join("\n");

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import pytest
 from click.testing import CliRunner
@@ -59,3 +60,12 @@ def opened(browser, path):
         context.close()
     assert complaints == []
     assert all(url.startswith(("file:", "data:", "blob:")) for url in requests), requests
+
+
+@pytest.fixture
+def tools():
+    """Skip where a lab's loops cannot be compiled, or its scripts not run without a browser."""
+    if missing := missing_tools() or (
+        "" if shutil.which("node") else "no node: apt-get install nodejs"
+    ):
+        pytest.skip(missing)

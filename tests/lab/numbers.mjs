@@ -5,5 +5,5 @@ const [, , assets, ...bits] = process.argv;
 const { pythonNumbers } = load(assets, ["pythonNumbers"]);
 for (const hex of bits) {
   const value = new Float64Array(BigUint64Array.of(BigInt(`0x${hex}`)).buffer)[0];
-  console.log(pythonNumbers.repr(value), pythonNumbers.format("{v:g} {v:.3g}", { v: value }));
+  console.log(pythonNumbers.format("{v:g} {v:.3g}", { v: value }));
 }

@@ -58,11 +58,11 @@ def copied(page):
 
 
 def saved(page, name, folder):
-    """Save the recording of a controller's run; return its path."""
+    """Save the experiment of a controller's run; return its path."""
     page.click(f"#controllers input[value={name}]")
-    page.wait_for_selector(f"#save-recording:enabled >> text=Save recording of {name}")
+    page.wait_for_selector(f"#save-experiment:enabled >> text=Save experiment of {name}")
     with page.expect_download() as download:
-        page.click("#save-recording")
+        page.click("#save-experiment")
     path = folder / download.value.suggested_filename
     download.value.save_as(path)
     return path

@@ -94,7 +94,10 @@ def test_the_page_works(firefox, path):
     until(firefox, f"wire.setup.branch && {WHOLE}")
     assert firefox.evaluate("wire.setup") == setup
     assert firefox.evaluate(BITS) == bits
-    assert firefox.evaluate("recordingOf(lab, 'pid', wire.engines[0]).length") > 100_000
+    digest = firefox.evaluate(
+        "setups.experiment(lab, 'pid', wire.engines[0]).then((e) => e.sha256)"
+    )
+    assert len(digest) == 64
     firefox.evaluate("(globalThis.wrong = [], location.hash = 'nonsense', 0)")
     until(firefox, f"!document.getElementById('alarm').hidden && {WHOLE}")
     words = firefox.evaluate("document.getElementById('alarm-text').textContent")

@@ -89,7 +89,7 @@ def test_numbers_of_all_controllers_stand_side_by_side_with_falls_first(opened, 
     page.wait_for_function(
         "() => document.getElementById('strip-angle').textContent.includes('fuzzy_pid')"
     )
-    assert page.inner_text("#save-recording") == "Save recording of pid"
+    assert page.inner_text("#save-experiment") == "Save experiment of pid"
 
 
 def test_a_run_that_diverges_says_so(opened):
@@ -162,7 +162,7 @@ def test_axe_has_no_complaint(browser, path, viewport, scheme):
         page.evaluate(
             "() => { document.documentElement.dataset.whole = 'true'; view.freeze(true); }"
         )
-        for prepare in ("#branch", "#tab-numbers", "#save-recording", "#copy-commands"):
+        for prepare in ("#branch", "#tab-numbers", "#save-experiment", "#copy-commands"):
             page.click(prepare)
             whole(page)
             page.evaluate(  # the darkest a cell can be
@@ -181,6 +181,15 @@ def run(trunk, words):
     return out
 
 
+def recorded(trunk, experiment):
+    """Record a saved experiment, which has the page's bits; return the recording, which verifies."""
+    path = experiment.with_name(f"{experiment.stem}_like.mcap")
+    said = run(trunk, ["trunk", "simulate", "--like", experiment, "-o", path, "--force"])
+    assert said.endswith(": the same bits as in the browser\n")
+    assert "verified" in run(trunk, ["trunk", "verify", path])
+    return path
+
+
 def test_saved_runs_are_verified_and_those_of_the_commands(opened, trunk, tmp_path, monkeypatch):
     page = opened()
     set_gain(page, 75)
@@ -192,8 +201,7 @@ def test_saved_runs_are_verified_and_those_of_the_commands(opened, trunk, tmp_pa
     monkeypatch.chdir(tmp_path)
     commands = copied(page)
     for name, words in zip(("pid", "fuzzy_pid"), commands, strict=True):
-        mine = saved(page, name, tmp_path / "page")
-        assert "verified" in run(trunk, ["trunk", "verify", mine])
+        mine = recorded(trunk, saved(page, name, tmp_path / "page"))
         run(trunk, words)
         assert "identical" in run(trunk, ["trunk", "diff", mine, tmp_path / words[-1]])
     # A branch, from the command's run.
@@ -204,8 +212,7 @@ def test_saved_runs_are_verified_and_those_of_the_commands(opened, trunk, tmp_pa
     page.wait_for_function("() => wire.setup.branch.values.fuzzy_pid")
     whole(page)
     branch = copied(page)[-1]
-    mine = saved(page, "fuzzy_pid", tmp_path / "page")
-    assert "verified" in run(trunk, ["trunk", "verify", mine])
+    mine = recorded(trunk, saved(page, "fuzzy_pid", tmp_path / "page"))
     run(trunk, branch)
     assert "identical" in run(trunk, ["trunk", "diff", mine, tmp_path / branch[-1]])
 
@@ -226,8 +233,7 @@ def test_a_disturbance_that_begins_with_a_branch_is_the_commands(
     (tmp_path / "page").mkdir()
     monkeypatch.chdir(tmp_path)
     simulate, branch = copied(page)[-2:]
-    mine = saved(page, "fuzzy_pid", tmp_path / "page")
-    assert "verified" in run(trunk, ["trunk", "verify", mine])
+    mine = recorded(trunk, saved(page, "fuzzy_pid", tmp_path / "page"))
     run(trunk, simulate)
     run(trunk, branch)
     assert "identical" in run(trunk, ["trunk", "diff", mine, tmp_path / branch[-1]])
@@ -242,8 +248,7 @@ def test_a_run_pushed_by_hand_is_saved_with_the_pushes(opened, trunk, tmp_path, 
     whole(page)
     monkeypatch.chdir(tmp_path)
     again = copied(page)[-1]
-    mine = saved(page, "fuzzy_pid", tmp_path)
-    assert "verified" in run(trunk, ["trunk", "verify", mine])
+    mine = recorded(trunk, saved(page, "fuzzy_pid", tmp_path))
     assert "operator/push" in run(trunk, ["trunk", "info", mine])
     run(trunk, again)
     assert "identical" in run(trunk, ["trunk", "diff", mine, again[-1]])
@@ -270,3 +275,18 @@ def test_each_axis_has_two_numbers_whatever_spikes(opened):
 def test_scripts_styles_and_html_are_small(path, data):
     assert path.stat().st_size - len(data) < 250_000
     assert path.stat().st_size < 400_000
+
+
+def test_states_are_saved_as_csv_for_those_who_have_only_a_browser(opened, tmp_path):
+    page = opened()
+    whole(page)
+    page.click("#tab-numbers")
+    with page.expect_download() as download:
+        page.click("#save-csv")
+    assert download.value.suggested_filename == "fig8_fuzzy_pid.csv"
+    download.value.save_as(tmp_path / "states.csv")
+    heads, *rows = (tmp_path / "states.csv").read_text().splitlines()
+    assert heads.startswith("t,x,theta,x_dot,theta_dot,")
+    assert len(rows) == 3001
+    assert rows[-1].startswith("3,")
+    assert "all 3001 states of the run of fuzzy_pid" in page.inner_text("#saved")

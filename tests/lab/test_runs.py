@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import random
+import struct
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -131,3 +134,17 @@ def test_seconds_become_the_nanoseconds_of_python():
     )
     done = subprocess.run([NODE, "-e", script], capture_output=True, text=True, check=True)
     assert list(map(int, json.loads(done.stdout))) == list(map(nanoseconds, values))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_doubles_are_printed_as_here(seed):
+    rng = random.Random(seed)
+    values = [0.0, -0.0, 12.25, -12.35, 0.125, 1.0005, 1e16, 9.995, 999.5, 1e-4, 9.9999e-5, 5e-324]
+    values += [struct.unpack("<d", rng.randbytes(8))[0] for _ in range(150)]
+    values += [rng.uniform(-1.0, 1.0) * 10.0 ** rng.randint(-6, 18) for _ in range(150)]
+    values += [rng.randrange(4000) / 8 for _ in range(150)]
+    values = [value for value in values if math.isfinite(value)]
+    words = [struct.pack(">d", value).hex() for value in values]
+    command = [NODE, str(Path(__file__).parent / "numbers.mjs"), str(ASSETS), *words]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    assert printed.splitlines() == [f"{value:g} {value:.3g}" for value in values]

@@ -1,7 +1,8 @@
-"""Random experiments, computed and saved by the page's scripts: files as the project's own runs have them."""
+"""Experiments that a page saves: `trunk simulate --like` records them, and compares the bits."""
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -9,10 +10,12 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from trunk_experiments.lab.wasm import missing_tools
-from trunk_experiments.plans.plan import RunPlan
+from trunk_experiments.lab.experiment import FORMAT, Experiment, read_experiment, record_experiment
+from trunk_experiments.lab.program import NAMES
+from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
@@ -22,13 +25,10 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_sim.simulation import DivergedError
 
-from .experiments import ASSETS, NODE, Setup, lab_for, plan_with, plans_of, random_setup, refused
+from .experiments import ASSETS, Setup, lab_for, plan_with, plans_of, random_setup, refused
 
-pytestmark = [
-    pytest.mark.skipif(bool(missing_tools()), reason=missing_tools()),
-    pytest.mark.skipif(NODE is None, reason="no node: apt-get install nodejs"),
-]
 COUNT = 3
+NOTHING: Setup = {"values": {}, "branch": None, "pushes": []}
 
 
 def expected(plan: RunPlan, law: str, setup: Setup) -> RunPlan:
@@ -42,17 +42,28 @@ def expected(plan: RunPlan, law: str, setup: Setup) -> RunPlan:
     return replace(made, changes=changes)
 
 
-def compare(plans: Mapping[str, RunPlan], law: str, setups: Sequence[Setup], folder: Path) -> int:
-    """Assert that files saved in a page are identical and judged as they should; return how many diverged."""
+def saved(
+    plans: Mapping[str, RunPlan], law: str, setups: Sequence[Setup], folder: Path
+) -> list[Path]:
+    """Return the files of experiments that a page saves."""
     (folder / "lab.json").write_text(json.dumps(lab_for(plans)))
     (folder / "experiments.json").write_text(json.dumps([[law, setup] for setup in setups]))
     script = Path(__file__).parent / "save.mjs"
     subprocess.run(["node", str(script), str(ASSETS), str(folder)], check=True)
+    return [folder / f"{i}.json" for i in range(len(setups))]
+
+
+def compare(plans: Mapping[str, RunPlan], law: str, setups: Sequence[Setup], folder: Path) -> int:
+    """Assert that saved experiments are recorded as what they mean; return how many diverged."""
     diverging = 0
-    for i, setup in enumerate(setups):
-        outcome = VERIFIED
-        saved = RecordedRun.open(folder / f"{i}.mcap")
-        last_ns = int(saved.table(topics.GROUND_TRUTH).stamp_ns.max())
+    for i, path in enumerate(saved(plans, law, setups, folder)):
+        setup, outcome = setups[i], VERIFIED
+        experiment = read_experiment(path)
+        states, diverged, difference = record_experiment(experiment, folder / f"{i}.mcap")
+        assert (states, difference) == (experiment.states, ""), setup
+        assert len(experiment.sha256) == 64
+        made = RecordedRun.open(folder / f"{i}.mcap")
+        last_ns = int(made.table(topics.GROUND_TRUTH).stamp_ns.max())
         if setup["branch"] and setup["branch"]["at_ns"] > last_ns:  # it has fallen before that
             setup = {**setup, "branch": None}
         try:
@@ -60,18 +71,32 @@ def compare(plans: Mapping[str, RunPlan], law: str, setups: Sequence[Setup], fol
         except DivergedError:
             outcome = UNJUDGED
             diverging += 1
+        assert (diverged is not None) == (outcome == UNJUDGED)
         ours = RecordedRun.open(folder / f"{i}_ours.mcap")
-        difference = diff(ours, saved)
-        assert difference.identical, setup
-        assert difference.record == difference.parameters == [], setup
-        assert saved.recording.end == ours.recording.end
-        assert verdict_on(saved).exit_code == outcome
+        compared = diff(ours, made)
+        assert compared.identical, setup
+        assert compared.record == compared.parameters == [], setup
+        assert made.recording.end == ours.recording.end
+        assert verdict_on(made).exit_code == outcome
+        check_states(folder / f"{i}.csv", made)
     return diverging
+
+
+def check_states(path: Path, run: RecordedRun) -> None:
+    """Assert that the states that a page saves as CSV are those of a run, with all digits."""
+    with path.open(newline="") as file:
+        heads, *rows = csv.reader(file)
+    truth = run.table(topics.GROUND_TRUTH)
+    assert heads[: len(NAMES) + 1] == ["t", *NAMES]
+    numbers = np.array([row[:5] for row in rows], np.float64)
+    assert np.array_equal(np.round(numbers[:, 0] * 1e9).astype(np.int64), truth.stamp_ns)
+    assert np.array_equal(numbers[:, 1:], np.hstack([truth.position, truth.velocity]))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("scenario", "law"), [("demo", "pid"), ("fig8", "fuzzy_pid")])
-def test_files_saved_in_a_page_are_identical_and_verified(scenario, law, tmp_path):
+@pytest.mark.usefixtures("tools")
+def test_saved_experiments_are_recorded_with_the_same_bits(scenario, law, tmp_path):
     plans = plans_of(scenario, ("simulator.duration=2",), (law,))
     lab = lab_for(plans)
     drawn = (random_setup(lab, law, seed) for seed in range(1000))
@@ -79,7 +104,109 @@ def test_files_saved_in_a_page_are_identical_and_verified(scenario, law, tmp_pat
     compare(plans, law, setups, tmp_path)
 
 
-def test_a_diverging_run_names_the_same_reason(tmp_path):
+@pytest.mark.usefixtures("tools")
+def test_a_diverging_run_is_recorded_as_one(tmp_path):
     rates = ("simulator.update_rate=200", "pid.update_rate=200", "simulator.duration=1")
-    unstable = {"values": {"pid": {"gains.d": 900.0}}, "branch": None, "pushes": []}
+    unstable = {**NOTHING, "values": {"pid": {"gains.d": 900.0}}}
     assert compare(plans_of("fig6", rates, ("pid",)), "pid", [unstable], tmp_path) == 1
+
+
+@pytest.mark.usefixtures("tools")
+def test_a_disturbance_begins_with_a_branch(tmp_path):
+    """One that is zero at the start is no node until then, as in `trunk branch`."""
+    plans = plans_of("fig8", ("simulator.duration=0.6",), ("pid",))
+    quiet = {"pulse.magnitude": 0.0, "pulse.start_times": [0.2, 0.4]}
+    branch = {"at_ns": 300_000_000, "values": {"disturbance": {"pulse.magnitude": 0.5}}}
+    setup = {"values": {"disturbance": quiet}, "branch": branch, "pushes": []}
+    (path,) = saved(plans, "pid", [setup], tmp_path)
+    plan = read_experiment(path).plan
+    assert plan.disturbed_ns == 300_000_000
+    assert "disturbance" not in plan.simulator.wait_for
+    assert record_experiment(read_experiment(path), tmp_path / "run.mcap")[2] == ""
+    run = RecordedRun.open(tmp_path / "run.mcap")
+    assert run.table(topics.DISTURBANCE).stamp_ns[0] == 300_000_000
+    assert verdict_on(run).exit_code == VERIFIED
+
+
+@pytest.fixture
+def document(tmp_path):
+    """Return a small experiment as a page would save it, with pushes and a branch."""
+    everywhere = {"duration": 0.2, "operator.torque": 30.0, "operator.force": 50.0}
+    plan = make_plan("fig8", "pid", everywhere=everywhere)
+    listed = {node: values_of(config) for node, config in plan.configs.items()}
+    data = {
+        "format": FORMAT,
+        "scenario": "fig8",
+        "controller": "pid",
+        "page": "0123456789abcdef",
+        "parameters": {node: listed[node] for node in ("simulator", "disturbance", "pid")},
+        "branch": {"at_ns": 100_000_000, "parameters": {"pid": {"gains.p": 75.0}}},
+        "pushes": [[0, -10.5, 0.0], [50_000_000, 0.0, 30.0]],
+        "states": 201,
+        "sha256": None,
+    }
+    text = json.dumps(data).replace("Infinity", '"inf"')
+    return json.loads(text.replace('-"inf"', '"-inf"'))
+
+
+def test_the_verb_says_whether_the_bits_are_those_of_the_browser(document, trunk, tmp_path):
+    path, run = tmp_path / "experiment.json", tmp_path / "experiment.mcap"
+    for sha256, states, code, words in (
+        (None, 201, 0, "the browser took no digest, so that the bits are not compared"),
+        ("0" * 64, 201, 1, "DIFFERS: its 201 states, SHA-256 "),
+        (None, 200, 1, "DIFFERS: "),
+    ):
+        path.write_text(json.dumps({**document, "sha256": sha256, "states": states}))
+        found, said, _ = trunk("simulate", "--like", path, "-o", run, "--force")
+        assert (found, words in said) == (code, True), said
+        assert trunk("verify", run)[0] == VERIFIED
+        as_json = json.loads(trunk("simulate", "--like", path, "-o", run, "--force", "--json")[1])
+        assert as_json["same_bits"] is (False if code else None)
+    digest = said.partition("SHA-256 ")[2][:12]
+    experiment = Experiment(read_experiment(path).plan, 201, "", "")
+    assert record_experiment(experiment, run, overwrite=True)[2] == ""
+    assert len(digest) == 12
+    assert "pushes" not in trunk("info", run)[1]
+    assert "operator/push" in trunk("info", run)[1]
+
+
+WRONG = (None, 7, -1.5, "x", [], {}, [[1, 2]], True)
+
+
+def test_what_no_page_saves_is_refused_in_one_line(document, trunk, tmp_path):
+    path = tmp_path / "experiment.json"
+    damaged = [{k: v for k, v in document.items() if k != key} for key in document]
+    damaged += [{**document, "more": 1}, [], 7, "x"]
+    allowed = {"branch": [None], "pushes": [[]], "sha256": [None, "x"], "scenario": ["x"]}
+    allowed |= {"page": ["x"], "states": [7]}
+    damaged += [
+        {**document, key: value}
+        for key in document
+        for value in WRONG
+        if not any(
+            value is each or (value == each and value is not True) for each in allowed.get(key, [])
+        )
+    ]
+    changed = json.dumps(document)
+    damaged += [
+        json.loads(changed.replace(old, new))
+        for old, new in (
+            ('"gains.p": 75.0', '"gains.q": 75.0'),
+            ('"gains.p": 75.0', '"gains.p": "75"'),
+            ('"gains.p": 75.0', '"gains.p": -1'),
+            ('"gains.p": 75.0', '"update_rate": 100.0'),
+            ("100000000", "100000001"),
+            ("50000000, 0.0, 30.0", "50000000, 0.0, 31.0"),
+            ("50000000, 0.0, 30.0", "0, 0.0, 30.0"),
+            ("50000000, 0.0, 30.0", "50000000, 0.0"),
+        )
+    ]
+    for data in damaged:
+        path.write_text(json.dumps(data))
+        code, out, err = trunk("simulate", "--like", path, "-o", tmp_path / "run.mcap")
+        assert (code, out, len(err.splitlines())) == (2, "", 1), (data, err)
+        assert not (tmp_path / "run.mcap").exists()
+    for text in ("", "{", "[" * 100_000, "\0"):
+        path.write_text(text)
+        code, _, err = trunk("simulate", "--like", path, "-o", tmp_path / "run.mcap")
+        assert (code, len(err.splitlines())) == (2, 1)

@@ -23,17 +23,6 @@ def test_it_names_versions_machine_and_time():
     assert all(type(value) is str and value for value in found.values())
 
 
-def test_a_page_names_its_code_and_leaves_the_machine_to_the_browser():
-    origin = provenance.of_page()
-    assert origin["made_by"] == "browser"
-    assert origin["arithmetic"] == provenance.ARITHMETIC
-    assert {"commit", "trunk_sim", "trunk_experiments"} <= set(origin)
-    assert not {"numpy", "python", "started_utc", *provenance.OF_MACHINE} & set(origin)
-    assert provenance.page_of({**origin, "page": "0123"}) == "0123"
-    assert provenance.page_of(origin) == provenance.UNKNOWN
-    assert provenance.page_of(provenance.gather()) == ""
-
-
 def test_it_does_not_fail_where_nothing_can_be_found(monkeypatch):
     def missing(*_, **__):
         raise FileNotFoundError("git")
