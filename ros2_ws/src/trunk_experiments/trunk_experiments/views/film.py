@@ -31,7 +31,7 @@ def write_gif(columns: Mapping[str, Floats], parameters: Mapping[str, object], p
 
     ``parameters``: the simulator's, by name. Raises PlanError for a run that is too long.
     """
-    first, *others = _pictures_for("--gif", path, columns, parameters)
+    first, *others = _pictures_for("--output", path, columns, parameters)
     with atomic_write(path) as part:
         first.save(
             part,
@@ -51,7 +51,9 @@ def write_mp4(columns: Mapping[str, Floats], parameters: Mapping[str, object], p
     """
     program = which("ffmpeg")
     if program is None:
-        raise PlanError(f"--mp4 {path}: ffmpeg is not installed: apt install ffmpeg, or give --gif")
+        raise PlanError(
+            f"--output {path}: ffmpeg is not installed: apt install ffmpeg, or write a .gif"
+        )
     raw = [
         "-f",
         "rawvideo",
@@ -68,11 +70,13 @@ def write_mp4(columns: Mapping[str, Floats], parameters: Mapping[str, object], p
         command = [program, "-loglevel", "error", "-y", *raw, "-i", "-", *encoded, str(part)]
         with subprocess.Popen(command, stdin=subprocess.PIPE) as encoder, suppress(BrokenPipeError):
             assert encoder.stdin is not None
-            for picture in _pictures_for("--mp4", path, columns, parameters):
+            for picture in _pictures_for("--output", path, columns, parameters):
                 encoder.stdin.write(picture.convert("RGB").tobytes())
                 count += 1
         if encoder.returncode:
-            raise PlanError(f"--mp4 {path}: ffmpeg failed with {encoder.returncode}: give --gif")
+            raise PlanError(
+                f"--output {path}: ffmpeg failed with {encoder.returncode}: write a .gif"
+            )
     return count
 
 

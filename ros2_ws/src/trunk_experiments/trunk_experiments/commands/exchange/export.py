@@ -2,108 +2,108 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import click
 
 from ...analysis.run_table import RunTable, all_columns, column_units
 from ...console.document import json_option, write_json
 from ...console.options import Number
-from ...console.outputs import check_output
+from ...console.outputs import FORCE, check_output
 from ...console.reading import open_run, run_values, show_damage
 from ...console.verbs import VerbWithVerbs
 from ...views.extract import window, write_csv, write_mcap, write_npz, write_parquet
 from .export_rules import command as rules_command
 
-_FILE = click.Path(path_type=Path)
+_FORMATS = (".csv", ".parquet", ".npz", ".gif", ".mp4", ".mcap")
 
 
 @click.group("export", cls=VerbWithVerbs)
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
-    "--csv",
-    type=_FILE,
-    help="CSV: one row per true state, terms and disturbance too, full precision.",
+    "-o",
+    "--output",
+    "outputs",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    required=True,
+    metavar="FILE",
+    help="A file to write, in the format of its suffix; repeatable.",
 )
-@click.option("--units", is_flag=True, help="With --csv: a header with units, such as theta [rad].")
-@click.option("--parquet", type=_FILE, help="Parquet: the same columns, units in the metadata.")
-@click.option("--npz", type=_FILE, help="NumPy archive: the same columns.")
-@click.option("--gif", type=_FILE, help="Animated picture, for slides; at most 120 s.")
-@click.option("--mp4", type=_FILE, help="The same as a film, by ffmpeg; at most 120 s.")
-@click.option("--mcap", type=_FILE, help="MCAP: messages as they are, byte for byte.")
-@click.option("--force", is_flag=True, help="Replace files that exist.")
+@click.option("--force", is_flag=True, help=FORCE)
+@click.option("--units", is_flag=True, help="CSV: a header with units, such as theta [rad].")
 @click.option("--from", "start", type=Number("s"), default=-inf, metavar="S", help="Start time, s.")
 @click.option("--to", "end", type=Number("s"), default=inf, metavar="S", help="End time, s.")
 @click.option(
     "--topics",
     multiple=True,
     metavar="TOPIC",
-    help="For --mcap: only this topic; repeatable.",
+    help="MCAP: only this topic; repeatable.",
 )
 @json_option("export-1")
 @click.pass_context
 def command(
     ctx: click.Context,
     run: Path,
-    csv: Path | None,
+    outputs: tuple[Path, ...],
     units: bool,
-    parquet: Path | None,
-    npz: Path | None,
-    gif: Path | None,
-    mp4: Path | None,
-    mcap: Path | None,
     force: bool,
     start: float,
     end: float,
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write a recorded run as CSV, Parquet, NumPy archive, GIF, MP4 or MCAP; SI units and radians.
+    """Write a recorded run, or a part of it, in other formats; SI units and radians.
 
-    Times are simulated seconds, by the messages' stamps; both ends are included.
+    .csv, .parquet and .npz have a row for each true state, with terms and disturbance, in full precision;
+    .gif and .mp4 are animated, for slides, of at most 120 s; .mcap has the messages byte for byte. Times are
+    simulated seconds, by the messages' stamps; both ends are included.
     """
-    files = {"csv": csv, "parquet": parquet, "npz": npz, "gif": gif, "mp4": mp4, "mcap": mcap}
-    if not any(files.values()):
-        ctx.fail(f"give at least one of {', '.join(f'--{suffix}' for suffix in files)}")
-    if topics and not mcap:
-        ctx.fail("--topics is for --mcap only; tables have fixed columns")
-    if units and not csv:
-        ctx.fail("--units is for --csv only; Parquet always has them")
+    formats = {output: _format_of(output) for output in outputs}
+    if topics and ".mcap" not in formats.values():
+        ctx.fail("--topics is for .mcap only; tables have fixed columns")
+    if units and ".csv" not in formats.values():
+        ctx.fail("--units is for .csv only; Parquet always has them")
     if not start <= end:
         ctx.fail(f"--from {start:g} must not be after --to {end:g}")
-    for suffix, output in files.items():
-        if output is not None:
-            check_output(output, (f".{suffix}",), force, [run], f"--{suffix}")
+    for output in outputs:
+        check_output(output, _FORMATS, force, [run])
     recorded = open_run(run)
     show_damage(recorded)
     written: list[dict[str, object]] = []
-    if csv or parquet or npz or gif or mp4:
-        table = window(all_columns(recorded, RunTable.from_run(recorded)), start, end)
-        if csv:
-            write_csv(table, csv, column_units(recorded) if units else {})
-        if parquet:
-            write_parquet(table, parquet, column_units(recorded))
-        if npz:
-            write_npz(table, npz)
-        if gif or mp4:
+    table: Mapping[str, Any] = {}
+    for output, suffix in formats.items():
+        if suffix == ".mcap":
+            count = write_mcap(recorded.recording, output, start, end, topics)
+            written.append({"file": output, "rows": None, "messages": count})
+            continue
+        table = table or window(all_columns(recorded, RunTable.from_run(recorded)), start, end)
+        if suffix == ".csv":
+            write_csv(table, output, column_units(recorded) if units else {})
+        elif suffix == ".parquet":
+            write_parquet(table, output, column_units(recorded))
+        elif suffix == ".npz":
+            write_npz(table, output)
+        else:
             from ...views.film import write_gif, write_mp4
 
-            plant = recorded.parameters.get("simulator", {})
-            for write, film in ((write_gif, gif), (write_mp4, mp4)):
-                if film:
-                    write(table, plant, film)
-        for output in filter(None, (csv, parquet, npz, gif, mp4)):
-            written.append({"file": output, "rows": len(table["t"]), "messages": None})
-    if mcap:
-        count = write_mcap(recorded.recording, mcap, start, end, topics)
-        written.append({"file": mcap, "rows": None, "messages": count})
+            write = write_gif if suffix == ".gif" else write_mp4
+            write(table, recorded.parameters.get("simulator", {}), output)
+        written.append({"file": output, "rows": len(table["t"]), "messages": None})
     if as_json:
         write_json("export-1", {**run_values(recorded), "outputs": written})
         return
     for entry in written:
         kind = "messages" if entry["rows"] is None else "rows"
         click.echo(f"{entry['file']}: {entry[kind]} {kind}")
+
+
+def _format_of(output: Path) -> str:
+    """Return the suffix that says what is written: what is no file, such as /dev/stdout, takes CSV."""
+    return ".csv" if output.is_relative_to("/dev") else output.suffix.lower()
 
 
 command.add_command(rules_command)
