@@ -178,7 +178,7 @@ class TestSlim:
     def test_every_part_of_the_libraries_that_is_used_is_there(self, slim):
         run(slim, "trunk", "simulate", "demo", "--duration", "1", "-o", "a.mcap", "--force")
         run(slim, "trunk", "report", "a.mcap", "-o", "a.html", "--force")
-        run(slim, "trunk", "export", "a.mcap", "--parquet", "a.parquet")
+        run(slim, "trunk", "export", "a.mcap", "-o", "a.parquet")
         run(slim, "trunk", "tune", "lqr")
         run(slim, "python3", "-c", "import sympy, trunk_experiments.paper.errata")
 

@@ -18,7 +18,7 @@ PAGES = [
     for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
     if page.name not in ELSEWHERE
 ]
-_MADE = re.compile(r"(?:-o|--output|--csv|--parquet|--npz|--mcap|ed25519 -f)[ =]([\w./-]+)")
+_MADE = re.compile(r"(?:-o|--output|ed25519 -f)[ =]([\w./-]+)")
 
 
 def made():

@@ -55,7 +55,7 @@ def test_a_simulated_run_is_the_recording_that_the_command_makes(run, tmp_path):
     for same in (loaded, trunk.simulate(run.plan())):
         for name, column in same.arrays().items():
             assert column.tobytes() == run.arrays()[name].tobytes(), name
-    CliRunner().invoke(export.command, [str(loaded.path), "--npz", str(tmp_path / "run.npz")])
+    CliRunner().invoke(export.command, [str(loaded.path), "-o", str(tmp_path / "run.npz")])
     archive = np.load(tmp_path / "run.npz")
     assert set(archive) == set(loaded.arrays())
     assert all(archive[n].tobytes() == c.tobytes() for n, c in loaded.arrays().items())

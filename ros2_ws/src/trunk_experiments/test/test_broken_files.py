@@ -154,7 +154,7 @@ def test_files_that_are_not_recordings(trunk, tmp_path):
     (tmp_path / "folder").mkdir()
     for verb in ("metrics", "info", "doctor", "export", "verify"):
         for path in (empty, text, tmp_path / "folder", tmp_path / "missing"):
-            more = ("--csv", tmp_path / "x.csv") if verb == "export" else ()
+            more = ("-o", tmp_path / "x.csv") if verb == "export" else ()
             code, out, err = trunk(verb, path, *more)
             assert (code, out, len(err.splitlines())) == (2, "", 1)
             assert str(path) in err

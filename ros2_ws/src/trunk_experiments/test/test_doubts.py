@@ -151,7 +151,7 @@ def test_plots_and_comparisons_say_it_once_too(short_run, tmp_path, trunk):
 @pytest.mark.parametrize("verb", ["diff", "explain", "export", "verify"])
 def test_verbs_without_metrics_say_it_first_and_once(short_run, tmp_path, trunk, verb):
     path = cut(short_run("fig6", "pid"), tmp_path / "cut.mcap")
-    words = {"diff": [path], "explain": ["--at", 0.3], "export": ["--csv", tmp_path / "a.csv"]}
+    words = {"diff": [path], "explain": ["--at", 0.3], "export": ["-o", tmp_path / "a.csv"]}
     _, out, err = trunk(verb, path, *words.get(verb, []))
     if verb == "verify":
         first = out.splitlines()[1]

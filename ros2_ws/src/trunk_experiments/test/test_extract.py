@@ -82,8 +82,8 @@ def test_a_law_s_own_terms_have_its_units(short_run):
 
 def test_export_writes_units_where_they_are_asked_for(trunk, run, tmp_path):
     first, second = tmp_path / "a.csv", tmp_path / "b.csv"
-    trunk("export", run.path, "--csv", first)
-    trunk("export", run.path, "--csv", second, "--units")
+    trunk("export", run.path, "-o", first)
+    trunk("export", run.path, "-o", second, "--units")
     assert first.read_text().startswith("t,x,theta,")
     assert second.read_text().startswith("t [s],x [m],theta [rad],")
     assert first.read_text().split("\n")[1:] == second.read_text().split("\n")[1:]
@@ -120,7 +120,7 @@ def test_a_film_is_what_the_machines_ffmpeg_makes_of_the_pictures(
     encoder.write_text(f'#!/bin/sh\nfor file; do :; done; cat >"$file"; exit {code}\n')
     parameters = RecordedRun(run).parameters["simulator"]
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(PlanError, match="apt install ffmpeg, or give --gif"):
+    with pytest.raises(PlanError, match=r"apt install ffmpeg, or write a \.gif"):
         write_mp4(table, parameters, tmp_path / "a.mp4")
     encoder.chmod(0o700)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")

@@ -76,7 +76,7 @@ CASES = [
     Case("list-files-1", "list schemas"),
     Case("doctor-1", "doctor cut.mcap", 1),
     Case("recover-1", "recover cut.mcap -o new.mcap", 1),
-    Case("export-1", "export a.mcap --csv a.csv --parquet a.parquet --npz a.npz --mcap c.mcap"),
+    Case("export-1", "export a.mcap -o a.csv -o a.parquet -o a.npz -o c.mcap"),
     Case("export-c-1", "export-c pid --name hip --like a.mcap -o c"),
     Case("export-c-1", "export-c fuzzy_pid --name left_hip --law --arduino -o c"),
     Case("params-1", "params"),

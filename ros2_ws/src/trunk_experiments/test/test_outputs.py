@@ -50,9 +50,8 @@ OVER_INPUTS = [
     ("report", "a.mcap", "-o", "a.mcap"),
     ("plot", "a.mcap", "-o", "a.mcap"),
     ("plot", "fig8", "-o", "fig8/run.mcap"),
-    ("export", "a.mcap", "--csv", "a.mcap"),
-    ("export", "a.mcap", "--mcap", "a.mcap"),
-    ("export", "fig8", "--mcap", "fig8/run.mcap"),
+    ("export", "a.mcap", "-o", "a.mcap"),
+    ("export", "fig8", "-o", "fig8/run.mcap"),
     ("recover", "a.mcap", "-o", "a.mcap"),
     ("simulate", "--like", "a.mcap", "-o", "a.mcap"),
     ("plan", "fig6", "--params", "params.yaml"),
@@ -79,17 +78,17 @@ def test_a_link_to_an_input_is_the_input(here, told):
     os.link("a.mcap", "b.mcap")
     Path("c.mcap").symlink_to("a.mcap")
     for name in ("b.mcap", "c.mcap"):
-        code, output = told(["export", "a.mcap", "--mcap", name, "--force"])
+        code, output = told(["export", "a.mcap", "-o", name, "--force"])
         assert (code, "it is read by this command (a.mcap)" in output) == (2, True)
 
 
 OVER_OTHERS = [
     ("report", "a.mcap", "-o", "other.html"),
     ("plot", "a.mcap", "-o", "other.png"),
-    ("export", "a.mcap", "--csv", "other.csv"),
-    ("export", "a.mcap", "--parquet", "other.parquet"),
-    ("export", "a.mcap", "--npz", "other.npz"),
-    ("export", "a.mcap", "--mcap", "other.mcap"),
+    ("export", "a.mcap", "-o", "other.csv"),
+    ("export", "a.mcap", "-o", "other.parquet"),
+    ("export", "a.mcap", "-o", "other.npz"),
+    ("export", "a.mcap", "-o", "other.mcap"),
     ("recover", "a.mcap", "-o", "other.mcap"),
     ("simulate", "fig6", "--duration", "0.1", "-o", "other.mcap"),
     ("plan", "fig6", "-o", "other.yaml"),

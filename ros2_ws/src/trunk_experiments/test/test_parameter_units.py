@@ -201,7 +201,7 @@ def test_options_of_verbs_take_units(tmp_path):
     assert "51 states" in done.output
     assert "update_s" in ran("explain", file, "--at", "50ms", "--json").output
     table = tmp_path / "part.csv"
-    assert ran("export", file, "--from", "20 ms", "--to", "40ms", "--csv", table).exit_code == 0
+    assert ran("export", file, "--from", "20 ms", "--to", "40ms", "-o", table).exit_code == 0
     assert len(table.read_text().splitlines()) == 12
     assert ran("tune", "lqr", "--angle", "0.1 rad", "--torque", "5 N*m").exit_code == 0
     assert ran("tune", "lqr", "--rate", "200").output == ran("tune", "lqr", "--rate=0.2kHz").output

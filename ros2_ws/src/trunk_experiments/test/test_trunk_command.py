@@ -110,7 +110,7 @@ def test_metrics_have_the_documented_keys(fig7):
 
 def test_export_writes_a_row_per_state_in_full_precision(fig7, tmp_path):
     path = tmp_path / "run.csv"
-    trunk("export", fig7, "--csv", path)
+    trunk("export", fig7, "-o", path)
     with path.open(newline="") as file:
         rows = list(csv.reader(file))
     assert ",".join(rows[0]) == (
@@ -188,9 +188,7 @@ def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):
         ),
         (
             ("export", "x.mcap"),
-            (
-                "give at least one of --csv, --parquet, --npz, --gif, --mp4, --mcap (see trunk export --help)"
-            ),
+            "Missing option '-o' / '--output' (see trunk export --help)",
         ),
         (
             ("list", "rnus"),
