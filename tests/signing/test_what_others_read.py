@@ -10,16 +10,20 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
     MAGIC,
+    chunk,
     content,
     data_of,
     finish,
+    message,
     moved,
     raw,
     records_of,
     reindexed,
+    schema,
     summary_of,
     summary_records,
     write_file,
+    write_records,
 )
 from rosbags.highlevel import AnyReader
 
@@ -312,3 +316,21 @@ def test_what_others_would_read_otherwise_is_not_verified(chunked, run, trunk, e
     run.write_bytes(chunked.read_bytes())
     run.write_bytes(edit(run))
     assert judged(trunk, "run.mcap")[0][0] != 0
+
+
+def test_a_key_twice_in_a_chunks_channel_is_found(tmp_path):
+    """Channels may be described inside of chunks alone: they are looked at there, too."""
+
+    def described(keys):
+        pairs = b"".join(
+            struct.pack("<I", len(text)) + text for key in keys for text in (key, b"value")
+        )
+        texts = b"".join(struct.pack("<I", len(text)) + text for text in (b"/joints", b"cdr"))
+        body = struct.pack("<HH", 1, 1) + texts + struct.pack("<I", len(pairs)) + pairs
+        return schema(1, "sensor_msgs/msg/JointState") + raw(Opcode.CHANNEL, body)
+
+    for keys, count in (((b"a", b"b"), 0), ((b"a", b"a"), 1)):
+        records = described(keys) + message(1, 0, b"")
+        path = write_records(tmp_path / "run.mcap", chunk(records))
+        (file,) = Recording.open(path).opened
+        assert sum("key twice" in finding.message for finding in file.findings) == count
