@@ -105,8 +105,8 @@ def test_rules(children: Children, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_node_of_ones_own(children: Children) -> None:
-    section = page("own_node").partition("## From nothing to a comparison")[2]
-    text = said(shell(children, section.partition("\n## ")[0]))
+    section = page("controllers").partition("### From nothing to a comparison")[2]
+    text = said(shell(children, section.partition("\n### ")[0]))
     assert "mine: verified" in text
     assert "commands of my_pd" in text
     assert "NOT RANKED" not in text
