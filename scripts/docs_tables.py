@@ -1,4 +1,4 @@
-"""Write the tables that the site has and the repository has not: docs_tables.py FOLDER, for scripts/docs.sh."""
+"""Write the tables that the site has and the repository has not: docs_tables.py FOLDER (scripts/docs.sh)."""
 
 from __future__ import annotations
 
