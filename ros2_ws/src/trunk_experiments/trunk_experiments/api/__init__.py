@@ -8,7 +8,6 @@
 
 The names in ``__all__`` are the contract; everything else may change. SI units and radians; every mistake
 raises a `TrunkError` of one line. Importing this loads none of numba, pyarrow, matplotlib, pandas and ROS.
-docs/api.md begins with a tour.
 """
 
 from __future__ import annotations
