@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Change the pure cores one operator at a time and see whether their tests notice: docs/mutants.md.
+# Change the pure cores one operator at a time and see whether their tests notice: docs/maintaining.md.
 #
 #   scripts/check_mutants.sh [MODULE[:LINE,...]]...     default: all of scripts/mutants/modules.py
 #

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Build the site of docs/ into FOLDER (site): scripts/docs.sh [FOLDER]
 # A warning or a broken link fails. The pages open as files too; the search box needs a server.
+# The tables of parameters and documents are made anew, by scripts/docs_tables.py.
 # Labs (docs/lab.md) are made where clang and lld are; TRUNK_LABS=FOLDER has them ready, TRUNK_LABS=no leaves them out.
 # The tools (requirements/docs.txt) are in .venv/.docs, apart from what a run needs.
 # Exit code 0: built; 1: a page is wrong; 2: the tools could not be installed.
@@ -40,6 +41,9 @@ elif [[ -z ${TRUNK_LABS:-} ]]; then
     fi
     export TRUNK_LABS=$labs
 fi
+export TRUNK_TABLES=$PWD/.venv/.tables
+mkdir -p "$TRUNK_TABLES"
+(source scripts/env.sh && python scripts/docs_tables.py "$TRUNK_TABLES") || exit 1
 code=0 # without --quiet, which would not count warnings
 PYTHONPATH='' NO_MKDOCS_2_WARNING=true "$tools/bin/python" -m mkdocs build --strict --site-dir "$out" 2>"$tools/.log" || code=1
 grep -v '^INFO \|^ *$' "$tools/.log" >&2 || true

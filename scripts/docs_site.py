@@ -1,4 +1,4 @@
-"""MkDocs' hook, for scripts/docs.sh: pages from outside docs/, and links to files of the repository.
+"""MkDocs' hook, for scripts/docs.sh: pages from outside docs/, links to files of the repository, tables.
 
 What `mkdocs build --strict` cannot know is checked here: the target of a link or a path in backticks exists.
 Mathematics, written as GitHub and GitLab render it, becomes MathML: no script, no fonts, no other host.
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 PAGES = {  # as they are called in the repository, and in the site
-    "README.md": "index.md",  # links to it; the site has a page of its own
+    "README.md": "index.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
     "SECURITY.md": "security_policy.md",
@@ -34,6 +34,7 @@ _PATH = re.compile(r"`((?:docs|docker|examples|requirements|scripts|tests)/[\w./
 _DISPLAYED = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _INLINE = re.compile(r"\$`([^`]+)`\$")
 _FUNCTION = re.compile(r"(<mi>(?:sin|cos)</mi>)(?!<mo stretchy=\"false\">&#x00028;)")
+_MADE = re.compile(r"<!-- made with the site: (\w+) -->")
 _PRIME = re.compile(r"<(msup|msubsup)>((?:(?!</?\1>).)*)<mi>(&#x0203[23];)</mi></\1>")
 _LABS = {
     **{f"fig{n}": f"Fig. {n}, PID and Fuzzy-PID" for n in (6, 7, 8, 9)},
@@ -109,12 +110,19 @@ def lab_links() -> str:
     return "\n".join(f"- [{_LABS[name]}](labs/{name}.html)" for name in labs())
 
 
+def made(name: str) -> str:
+    """Return what the site has in place of a comment: labs, the library, or one of scripts/docs_tables.py."""
+    if name == "labs":
+        return lab_links()
+    if name == "library":
+        return "::: trunk_experiments.api"
+    return (Path(os.environ["TRUNK_TABLES"]) / f"{name}.md").read_text(encoding="utf-8")
+
+
 def on_files(files: Files, *, config: Any, **_: Any) -> Files:
     """Add the repository's other pages, and the files that any page links to."""
     sources = {f"docs/{file.src_uri}": file.content_string for file in files.documentation_pages()}
     for path, target in PAGES.items():
-        if target == "index.md":
-            continue
         sources[path] = (ROOT / path).read_text(encoding="utf-8")
         files.append(File.generated(config, target, content=rewritten(path, sources[path])))
     for path in sorted(set().union(*(copied(page, text) for page, text in sources.items()))):
@@ -133,5 +141,4 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     """Rewrite a page's links and mathematics; the pages from outside docs/ have their links already."""
     if not page.file.generated_by:
         markdown = rewritten(f"docs/{page.file.src_uri}", markdown)
-    markdown = markdown.replace("<!-- labs -->", lab_links())
-    return typeset(markdown)
+    return typeset(_MADE.sub(lambda match: made(match[1]), markdown))

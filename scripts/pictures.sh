@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Regenerate the pictures of the README and of docs/gallery.md, in docs/images, from fresh runs: scripts/pictures.sh
+# Regenerate the pictures of the pages, in docs/images, from fresh runs: scripts/pictures.sh
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null

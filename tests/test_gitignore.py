@@ -12,7 +12,7 @@ from .finished import finished
 
 ROOT = Path(__file__).parents[1]
 # Their commands are typed in the reader's own folder.
-ELSEWHERE = {"controllers.md", "rules.md", "tutorial.md"}
+ELSEWHERE = {"controllers.md", "rules.md", "tuning.md", "tutorial.md"}
 PAGES = [
     page
     for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))

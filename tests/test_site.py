@@ -1,4 +1,4 @@
-"""The site of docs/: scripts/docs.sh builds it without a warning, and it asks no other host for anything."""
+"""The site of docs/: scripts/docs.sh builds it without a warning; it asks no other host for anything."""
 
 from __future__ import annotations
 
@@ -8,6 +8,12 @@ import re
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_experiments.test.documents import VERBS, documents_of
+
+import trunk_experiments.api as trunk
+from trunk_experiments.plans.files import shipped_files
+from trunk_experiments.plans.nodes import NODES
+from trunk_msgs_util.parameters.declarations import declarations
 
 from .finished import finished
 
@@ -15,7 +21,7 @@ ROOT = Path(__file__).parents[1]
 RESOURCE = re.compile(r"<(?:script|link|img|iframe|source)\b[^>]*?\b(?:src|href)=\"?([^\"\s>]+)")
 BROKEN = {
     "[page](nowhere.md)": "'nowhere.md'",
-    "[heading](index.md#nowhere)": "'index.md#nowhere'",
+    "[heading](start.md#nowhere)": "'start.md#nowhere'",
     "[file](../scripts/nowhere.sh)": "'../scripts/nowhere.sh'",
     "`scripts/nowhere.py`": "`scripts/nowhere.py`, which does not exist",
 }
@@ -52,6 +58,36 @@ def test_each_page_is_there_and_asks_no_other_host_for_anything(site):
         assert not re.search(r"(?:url\(|@import)\s*[\"']?(?:https?:)?//", style.read_text("utf-8"))
 
 
+def test_each_link_within_the_site_leads_somewhere(site):
+    texts = {page.name: page.read_text(encoding="utf-8") for page in site.glob("*.html")}
+    anchors = {name: set(re.findall(r"\bid=\"?([^\">\s]+)", text)) for name, text in texts.items()}
+    for name, text in texts.items():
+        for link in re.findall(r"<a\b[^>]*?\bhref=\"?([^\"> ]+)", text):
+            if name == "404.html" or re.match(r"\w+:", link):
+                continue
+            path, _, anchor = link.partition("#")
+            target = path or name
+            assert (site / target).exists(), (name, link)
+            assert not anchor or target not in anchors or anchor in anchors[target], (name, link)
+
+
+def test_the_site_has_the_tables_that_the_repository_has_not(site):
+    pages = {
+        name: (site / f"{name}.html").read_text(encoding="utf-8")
+        for name in ("parameters", "metrics", "api")
+    }
+    names = {name for kind in NODES.values() for name in declarations(kind.config)}
+    for name in (*names, *shipped_files()):
+        assert f"<td><code>{name}</code>" in pages["parameters"], name
+    for words, verb in VERBS.items():
+        (documents,) = documents_of(verb)
+        row = f"<td><code>{' '.join(('trunk', *words))}</code></td>"
+        cell = pages["metrics"].partition(row)[2].partition("</tr>")[0]
+        assert re.findall(r"<code>([\w-]+)</code>", cell) == list(documents), words
+    for name in trunk.__all__:
+        assert f'id="trunk_experiments.api.{name}"' in pages["api"], name
+
+
 def test_the_site_has_the_labs_that_were_made(site):
     assert (site / "labs" / "fig6.html").read_text() == LAB
     links = re.findall(r'href="?(labs/[^">\s]+)', (site / "lab.html").read_text(encoding="utf-8"))
@@ -64,7 +100,7 @@ def test_the_site_has_the_labs_that_were_made(site):
         ("equation of motion", "model"),
         ("bode", "model"),
         ("sign convention", "model"),
-        ("verdict", "concepts"),
+        ("who sent", "concepts"),
     ],
 )
 def test_search_leads_to_the_page_whose_heading_it_is(site, query, page):
@@ -90,7 +126,7 @@ def test_broken_links_are_refused(site, tmp_path):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("# A page\n", encoding="utf-8")
     page = "# Start\n\n" + "\n\n".join(BROKEN)
-    (tmp_path / "docs" / "index.md").write_text(page, encoding="utf-8")
+    (tmp_path / "docs" / "start.md").write_text(page, encoding="utf-8")
     python = ROOT / ".venv" / ".docs" / "bin" / "python"
     done = finished([python, "-I", "-m", "mkdocs", "build", "--strict"], cwd=tmp_path)
     assert done.returncode == 1

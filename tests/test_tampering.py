@@ -58,6 +58,6 @@ def test_honest_runs_are_not_accused(tmp_path):
 
 
 def test_what_passes_is_documented():
-    written = (Path(__file__).parents[1] / "docs" / "verify.md").read_text(encoding="utf-8")
+    written = (Path(__file__).parents[1] / "docs" / "recording.md").read_text(encoding="utf-8")
     listed = [line[2:] for line in written.splitlines() if line.startswith("- ")]
     assert not [reason for _, reason in ACCEPTED if reason not in listed]

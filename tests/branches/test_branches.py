@@ -1,4 +1,4 @@
-"""The commands of docs/branch.md work."""
+"""The commands of docs/sweep.md that branch a run work."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).parents[2] / "docs" / "branch.md"
+PAGE = Path(__file__).parents[2] / "docs" / "sweep.md"
 
 
 @pytest.mark.slow
 def test_the_pages_commands_work_in_order(tmp_path: Path) -> None:
-    commands = re.findall(r"^    (trunk .*)$", PAGE.read_text("utf-8"), re.MULTILINE)
+    section = PAGE.read_text("utf-8").partition("## What if\n")[2].partition("\n## ")[0]
+    commands = re.findall(r"^    (trunk .*)$", section, re.MULTILINE)
     assert len(commands) == 7
     for command in commands:
         subprocess.run(shlex.split(command), cwd=tmp_path, env=os.environ, check=True)

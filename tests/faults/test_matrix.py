@@ -35,7 +35,7 @@ OPTIONS = {"real time": (), "lock-step": ("--lockstep", "--speed", "1")}
 def test_the_page_has_the_table() -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert page.count("<!-- generated: faults -->") == 1
-    assert matrix.refreshed(page) == page, "run scripts/update_readme.sh"
+    assert matrix.refreshed(page) == page, "run python -m tests.faults.matrix docs/faults.md"
 
 
 def test_each_cell_has_one_row_and_the_selection_has_all_pairs() -> None:

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.graph
 
 _EXAMPLES = Path(__file__).parents[2] / "examples" / "nodes"
 _FOREIGN = Path(__file__).with_name("foreign_node.py")
-# As docs/own_node.md has it: no multicast, and whoever listens on this machine.
+# As docs/controllers.md has it: no multicast, and whoever listens on this machine.
 _LOOPBACK = (
     "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast><Interfaces>"
     '<NetworkInterface name="lo"/><NetworkInterface autodetermine="true"/></Interfaces></General><Discovery>'

@@ -105,8 +105,8 @@ def test_rules(children: Children, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_node_of_ones_own(children: Children) -> None:
-    section = page("own_node").partition("## From nothing to a comparison")[2]
-    text = said(shell(children, section.partition("\n## ")[0]))
+    section = page("controllers").partition("### From nothing to a comparison")[2]
+    text = said(shell(children, section.partition("\n### ")[0]))
     assert "mine: verified" in text
     assert "commands of my_pd" in text
     assert "NOT RANKED" not in text
@@ -117,10 +117,10 @@ def test_a_controller_of_ones_own(children: Children, peer: Peer, tmp_path: Path
     name = "my_controller"
     assert name not in CONTROLLERS
     text = said(shell(children, page("controllers"), "sh"))
-    assert f"({name}): 16 of 16 kept" in text
+    assert f"({name}): 18 of 18 kept" in text
     assert text.count(": verified\n") == 4
     assert "100 runs: 100 ok, 0 diverged, 0 refused" in text
-    assert "16 passed" in text
+    assert "18 passed" in text
     workspace = tmp_path / "my_ws"
     law = workspace / "src" / name / name / "law.py"
     assert len(law.read_text("utf-8").splitlines()) <= 40

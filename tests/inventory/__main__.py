@@ -55,7 +55,7 @@ def lines() -> Iterator[str]:
         for declared in declarations(config).values():
             yield f"parameter {node}: {declared}"
     for name, kind, publisher in TOPIC.findall(
-        (ROOT / "docs/topics.md").read_text(encoding="utf-8")
+        (ROOT / "docs/concepts.md").read_text(encoding="utf-8")
     ):
         yield f"topic {name}: {kind.replace('/', '/msg/')}: {publisher}"
     for path in sorted(SOURCES.glob("*/*/**/*_node.py")):
@@ -65,7 +65,7 @@ def lines() -> Iterator[str]:
         if entry.dist and entry.dist.name.replace("-", "_") in PACKAGES:
             yield f"executable {entry.dist.name.replace('-', '_')}: {entry.name}"
     for module in (trunk_experiments.api, trunk_control.api):
-        yield from _library(module)
+        yield from library(module)
     for name, path in sorted(schemas().items()):
         text = json.dumps(json.loads(path.read_text(encoding="utf-8")), sort_keys=True)
         yield f"document {name}: SHA-256 {hashlib.sha256(text.encode()).hexdigest()[:16]}"
@@ -93,7 +93,8 @@ def _plain(about: dict[str, Any]) -> str:
     return re.sub(r" at 0x[0-9a-f]+", "", text)
 
 
-def _library(module: ModuleType) -> Iterator[str]:
+def library(module: ModuleType) -> Iterator[str]:
+    """Yield a module's public names with their signatures, of classes with those of their members."""
     for name in sorted(module.__all__):
         value = getattr(module, name)
         yield f"library {module.__name__}.{name}{_signature(value)}"
@@ -103,6 +104,8 @@ def _library(module: ModuleType) -> Iterator[str]:
 
 
 def _signature(value: object) -> str:
+    if isinstance(value, property):
+        value = value.fget
     try:
         return re.sub(r" at 0x[0-9a-f]+", "", str(inspect.signature(value)))  # type: ignore[arg-type]
     except (TypeError, ValueError):

@@ -63,7 +63,7 @@ setup(
         "Topic :: Scientific/Engineering",
         "Typing :: Typed",
     ],
-    # For wheels (docs/release.md): what the locks pin lies within these bounds. ROS 2 comes by package.xml.
+    # For wheels (docs/maintaining.md): bounds that include what the locks pin. ROS 2 comes by package.xml.
     install_requires=[
         f"trunk_msgs_util=={version}",
         f"trunk_sim=={version}",

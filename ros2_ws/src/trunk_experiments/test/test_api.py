@@ -94,7 +94,7 @@ def test_tuned_gains_are_overrides_of_a_plan():
     assert softer["lqr.gains.i"] < trunk.tune("lqr")["lqr.gains.i"]
     sampled = trunk.tune("lqr", rate=100.0, discrete=True)
     ratios = [sampled[f"lqr.gains.{n}"] / trunk.tune("lqr")[f"lqr.gains.{n}"] for n in "pid"]
-    assert ratios == pytest.approx([0.92, 0.92, 0.92], abs=0.03)  # smaller, as docs/tuning.md says
+    assert ratios == pytest.approx([0.92, 0.92, 0.92], abs=0.03)  # smaller, as docs/model.md says
     with pytest.raises(trunk.PlanError, match="one of lqr, pid, computed_torque"):
         trunk.tune("fuzzy_pid")
     with pytest.raises(trunk.PlanError, match="above 0, of integral, angle, speed, torque"):

@@ -1,4 +1,4 @@
-"""Topic names, relative so that namespaces and remaps work, and their types; docs/topics.md has the rest."""
+"""Topic names, relative so that namespaces and remaps work, and types; docs/concepts.md has the rest."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
 """The library: load, plan, simulate, sweep, measure, verify, explain and plot runs, in a script or notebook.
 
-::
-
     import trunk_experiments.api as trunk
 
     run = trunk.simulate(trunk.plan("fig8", "fuzzy_pid"))
@@ -10,7 +8,6 @@
 
 The names in ``__all__`` are the contract; everything else may change. SI units and radians; every mistake
 raises a `TrunkError` of one line. Importing this loads none of numba, pyarrow, matplotlib, pandas and ROS.
-Described in docs/api.md.
 """
 
 from __future__ import annotations
@@ -41,7 +38,7 @@ from ._tuning import (
 )
 from ._values import UNITS, Parameter, controllers, parameter_files, parameters, scenarios, studies
 
-__all__ = [  # noqa: RUF022 (in the order in which docs/api.md describes them)
+__all__ = [  # noqa: RUF022 (in the order in which the site describes them)
     "plan",
     "Plan",
     "simulate",

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 class Metrics(analysis.RunMetrics):
     """Quantities of the true error ``e = reference - theta``; None where a run has no such value.
 
-    ::
-
         overshoot_deg                  beyond the last level of the reference       deg
         settling_time_6deg_s           until |e| stays within 6 deg                s
         steady_state_error_mean_deg,

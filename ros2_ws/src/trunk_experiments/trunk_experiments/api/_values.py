@@ -75,6 +75,7 @@ UNITS: Mapping[str, str] = MappingProxyType(
         "diverged_at_s": "s",
     }
 )
+"""The unit of each column and metric, by name; empty: no unit."""
 
 
 Inner = TypeVar("Inner")

@@ -42,8 +42,8 @@ def command(
     """Print the margins of the loop about the upright: of a recorded RUN, or of parameters.
 
     The loop is linearised with delays, filters and drive, its hip prescribed and passive on level ground. The
-    profile is profile_practical unless --params gives another. docs/gains.md says what each column means, and
-    which margins are thin.
+    profile is profile_practical unless --params gives another. docs/tuning.md says what each column means,
+    and which margins are thin.
     """
     from ..tuning.margins import plan_margins
 

@@ -1,6 +1,6 @@
 """What a verb writes for programs: one JSON document on stdout, whose name has a version.
 
-The schemas are in ``schemas/NAME.json`` of this package; docs/json.md lists them.
+The schemas are in ``schemas/NAME.json`` of this package; docs/metrics.md says what is promised.
 """
 
 from __future__ import annotations

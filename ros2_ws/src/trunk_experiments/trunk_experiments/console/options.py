@@ -83,7 +83,7 @@ def device_option(function: Function) -> Function:
         type=click.Choice(("cpu", "cuda")),
         default="cpu",
         show_default=True,
-        help="Where runs are made: cuda, a GPU, gives the same bits; docs/gpu.md.",
+        help="Where runs are made: cuda, a GPU, gives the same bits; docs/sweep.md.",
     )(function)
 
 

@@ -111,7 +111,7 @@ def near_misses(
     if not seen and os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "LOCALHOST":
         seen.append(
             "nothing like it; a DDS without ROS looks for others by multicast, which is not heard with "
-            "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST: see docs/own_node.md, or set SUBNET here"
+            "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST: see docs/controllers.md, or set SUBNET here"
         )
     return seen
 
