@@ -205,7 +205,6 @@ def test_json_gives_the_address(swapped):
     assert document["address"] == document["watch_address"]
     assert document["address"] in words
     assert document["recording"] == str(swapped)
-    assert document["foxglove"] is None
 
 
 def test_the_rows_are_those_of_the_recording(swapped):
