@@ -87,7 +87,6 @@ setup(
         "test": ["pytest"],  # `colcon test` looks here for what runs the tests
         "cluster": ["distributed"],
         "crate": ["rocrate>=0.13,<1"],
-        "foxglove": ["foxglove-sdk"],
         "gym": ["gymnasium"],
         "lab": ["ziglang"],
         "notebook": ["pandas"],
