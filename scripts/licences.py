@@ -20,7 +20,7 @@ import yaml
 
 REQUIREMENTS = Path(__file__).parents[1] / "requirements"
 RUNNING = "runtime", "ros", "cluster", "gym", "notebook"
-TOOLS = "setuptools", "build", "crate", "lab", "dev"
+TOOLS = "setuptools", "build", "lab", "dev"
 ON_REQUEST = ("fuzzy",)
 _KEYS = {"allowed", "tools", "on_request", "names", "by_hand"}
 

@@ -86,7 +86,6 @@ setup(
     extras_require={
         "test": ["pytest"],  # `colcon test` looks here for what runs the tests
         "cluster": ["distributed"],
-        "crate": ["rocrate>=0.13,<1"],
         "gym": ["gymnasium"],
         "lab": ["ziglang"],
         "notebook": ["pandas"],
