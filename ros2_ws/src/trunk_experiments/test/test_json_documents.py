@@ -91,7 +91,6 @@ CASES = [
     Case("limit-1", "limit fig6 --vary simulator.sensor.delay --to 0.5 --within 0.1"),
     Case("margins-1", "margins"),
     Case("margins-1", "margins b.mcap -o loop.png"),
-    Case("fit-path-1", "fit path gait.csv --harmonics 2 -o gait.yaml"),
 ]
 
 
