@@ -166,9 +166,7 @@ def _check_alone() -> None:
             raise PlanError(f"--attach joins a graph as it is: leave out {option.opts[0]}")
 
 
-def _attach(
-    namespace: str, host: str, port: int, url: str, browser: bool, as_json: bool
-) -> None:
+def _attach(namespace: str, host: str, port: int, url: str, browser: bool, as_json: bool) -> None:
     if find_spec("rclpy") is None:
         raise ModuleNotFoundError(name="rclpy")  # reported by the command, before a page is opened
     with tempfile.TemporaryDirectory(prefix="trunk_live_") as folder:
