@@ -78,7 +78,7 @@ CASES = [
     Case("recover-1", "recover cut.mcap -o new.mcap", 1),
     Case("export-1", "export a.mcap --csv a.csv --parquet a.parquet --npz a.npz --mcap c.mcap"),
     Case("export-c-1", "export-c pid --name hip --like a.mcap -o c"),
-    Case("export-c-1", "export-c fuzzy_pid --name left_hip --law --arduino -o c"),
+    Case("export-c-1", "export-c fuzzy_pid --name left_hip --law -o c"),
     Case("params-1", "params"),
     Case("params-show-1", "params show fig8"),
     Case("new-1", "controller new mine"),
