@@ -47,7 +47,7 @@ find_python() {
 # The build links to modules and data instead of copying them: only these trigger a rebuild.
 workspace_key() {
     local src=ros2_ws/src
-    { printf '%s\n' "$made" "$pins" "$(declare -f launcher)" $src/*/*/config/* $src/*/{launch,layouts,ros2_control,rviz}/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
+    { printf '%s\n' "$made" "$pins" "$(declare -f launcher)" $src/*/*/config/* $src/*/{launch,layouts,rviz}/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
 }
 
 up_to_date() {

@@ -51,7 +51,6 @@ setup(
         (f"share/{name}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{name}/layouts", sorted(glob("layouts/*"))),
         (f"share/{name}/rviz", sorted(glob("rviz/*.rviz"))),
-        (f"share/{name}/ros2_control", sorted(glob("ros2_control/*"))),
     ],
     python_requires=">=3.10,<3.14",
     classifiers=[
