@@ -23,7 +23,6 @@ setup(
             "py.typed",
             "config/*.yaml",
             "export_c/templates/*.in",
-            "export_c/templates/*/*.in",
             "paper/*.html.j2",
             "paper/*.css",
             "schemas/*.json",
