@@ -140,7 +140,7 @@ def test_parameters_are_those_at_the_time_shown(watched, tmp_path):
 
 
 def test_rules_are_hidden_while_their_parameters_are_not_known(watched, swapped):
-    """A restarted gateway knows the nodes before it knows their parameters."""
+    """A gateway knows the nodes before it knows their parameters."""
     page = watched(swapped)
     hidden = "() => { rules.show(); return document.getElementById('rules').hidden; }"
     assert page.evaluate(hidden) is False
