@@ -214,9 +214,7 @@ def check(minutes: float, rate: float, seconds: int, folder: Path) -> list[str]:
                 while time.monotonic() < until:
                     look()
                 loop.note("four pages")
-                gateway.turn()
-                if gateway.pid != pid:
-                    wrong.append(f"the gateway has ended: {log.read_text()}")
+                gateway.words()
         finally:
             gateway.close()
         for _ in range(seconds):

@@ -105,15 +105,12 @@ def command(
             check_not_read(file, files_read({"scenario": scenario, **options}))
     files = RunFiles.for_run(plan, output, force)
     files.logs.mkdir(parents=True, exist_ok=True)
-    log = files.logs / GATEWAY_LOG
-    if force:
-        log.unlink(missing_ok=True)
     shown = {
         "namespace": "",
         "standby": [n for n in others if n != first],
         "stoppable": not plan.simulator.duration,
     }
-    gateway = GatewayProcess(log, host, port, shown, url)
+    gateway = GatewayProcess(files.logs / GATEWAY_LOG, host, port, shown, url)
     with closing(gateway):
         show_address(gateway, browser, files.recording, as_json=as_json)
         for line in connection_lines(plan) if plan.external is not None else ():
@@ -125,7 +122,7 @@ def command(
         def over() -> bool:
             nonlocal shown_page
             try:
-                heard.extend(gateway.turn() if shown_page else ())
+                heard.extend(gateway.words() if shown_page else ())
             except (GatewayError, OSError) as error:  # the run does not depend on it
                 shown_page = False
                 report_error(error)

@@ -109,7 +109,7 @@ def serve(
 ) -> None:
     """Keep the gateway up until it is interrupted, or until a word from it is ``over``."""
     while not interrupt.name:
-        if any(over(word) for word in gateway.turn()):
+        if any(over(word) for word in gateway.words()):
             return
         time.sleep(_LOOK_S)
 

@@ -44,7 +44,6 @@ async def _serve() -> None:
     listening = socket.socket(fileno=os.dup(first["socket"]))
     listening.setblocking(False)
     server.add_socket(listening)
-    _say("serving")
     give_way()  # not before: starting takes a second of processor time
     listens = loop.create_task(_listen(stdin, gateway))
     works = [loop.create_task(gateway.serve()), loop.create_task(feed.begin())]
