@@ -29,13 +29,21 @@ from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.conversions import WireReader, stamp_from_ros
 from trunk_msgs_util.samples import JointSample
 
-from .board import Board
-from .feed import PLANT, PUSHES, RefusedRequestError, Stream, put_stream
+from .feed import (
+    PLANT,
+    PUSHES,
+    Board,
+    RefusedRequestError,
+    Stream,
+    StreamRows,
+    columns_of,
+    put_stream,
+    row_of,
+    with_rules,
+)
 from .graph import Graph
 from .graph_requests_node import GraphRequests
 from .protocol import Asked
-from .rows import StreamRows
-from .streams import columns_of, row_of, with_rules
 
 _KEPT_S = 60.0  # for a page that is opened later
 _FEWEST, _MOST = 2_000, 120_000  # rows
@@ -70,7 +78,7 @@ class GraphFeed:
         self._rows_of(PLANT, topics.GROUND_TRUTH)
         self._rows_of(PUSHES, topics.OPERATOR_PUSH)
         self._told = [
-            (self.follow(kind, topic, profile), take)
+            (self._follow(kind, topic, profile), take)
             for kind, topic, profile, take in (
                 (ParameterEvent, topics.RUN_PARAMETERS, qos.run_information(), self._on_parameters),
                 (DiagnosticArray, topics.RUN_EVENTS, qos.run_information(), self._on_event),
@@ -81,13 +89,13 @@ class GraphFeed:
     def turn(self) -> None:
         """Take what has come."""
         for subscription, take in self._told:
-            for message in taken(subscription, False):
+            for message in _taken(subscription):
                 take(message)
         for name in self.graph.controllers:
             if name not in self._streams_of:
                 self._rows_of(name, topics.controller_state(name))
         for name, (subscription, read) in self._streams_of.items():
-            for data in taken(subscription, True):
+            for data in _taken(subscription):
                 self._add(name, read(data))
         self.requests.turn(self._latest_ns)
 
@@ -114,7 +122,9 @@ class GraphFeed:
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
-    def follow(self, kind: Any, topic: str, profile: QoSProfile, raw: bool = False) -> Subscription:
+    def _follow(
+        self, kind: Any, topic: str, profile: QoSProfile, raw: bool = False
+    ) -> Subscription:
         return self._node.create_subscription(kind, topic, lambda _: None, profile, raw=raw)
 
     def _rows_of(self, name: str, topic: str) -> None:
@@ -124,7 +134,7 @@ class GraphFeed:
             reliability=ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.VOLATILE,
         )
-        self._streams_of[name] = self.follow(JointState, topic, profile, raw=True), WireReader()
+        self._streams_of[name] = self._follow(JointState, topic, profile, raw=True), WireReader()
 
     def _add(self, name: str, sample: JointSample) -> None:
         row = row_of(name, sample)
@@ -181,12 +191,12 @@ class GraphFeed:
                 self.graph.diagnosed(name, status.level[0], status.message, values)
 
 
-def taken(subscription: Subscription, raw: bool) -> list[Any]:
+def _taken(subscription: Subscription) -> list[Any]:
     """Return the messages that have arrived, up to a limit."""
     messages: list[Any] = []
     while len(messages) < _AT_ONCE:
         with subscription.handle:
-            taken = subscription.handle.take_message(subscription.msg_type, raw)
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
         if taken is None:
             break
         messages.append(taken[0])
