@@ -84,7 +84,7 @@ CASES = [
     Case("new-1", "controller new mine"),
     Case("check-1", "controller check pid"),
     Case("sweep-1", "sweep study.yaml -o new.parquet --check"),
-    Case("map-1", "study map study.yaml"),
+    Case("map-1", "study map swept.parquet"),
     Case("tune-1", "tune poles -o gains.yaml"),
     Case("tune-1", "tune relay --lag 0.01 --damping 1"),
     Case("tune-1", "tune optimise --controller fuzzy_pid --generations 1 --population 2"),

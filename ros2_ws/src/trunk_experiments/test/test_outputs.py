@@ -59,7 +59,6 @@ OVER_INPUTS = [
     ("plan", "params.yaml", "-o", "params.yaml"),
     ("tune", "poles", "--params", "params.yaml", "-o", "params.yaml"),
     ("sweep", "study.yaml", "-o", "study.yaml"),
-    ("study", "map", "study.yaml", "-o", "study.yaml"),
 ]
 
 
