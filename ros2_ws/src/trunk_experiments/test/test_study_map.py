@@ -351,7 +351,7 @@ def map_of(*arguments):
     ],
     ids=str,
 )
-def test_what_cannot_be_drawn_is_refused(here, arguments, line):
+def test_a_mistake_writes_nothing(here, arguments, line):
     (here / "study.yaml").write_text(WALKING)
     before = sorted(here.iterdir())
     done, told = map_of(*arguments)
