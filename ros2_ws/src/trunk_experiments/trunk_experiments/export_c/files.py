@@ -53,19 +53,15 @@ def check_name(name: str) -> str:
 
 
 def base_files(e: ExportedController, rows: Sequence[ExportedStep]) -> dict[str, bytes]:
-    """Return header, source, replay.c and its states."""
+    """Return header, source, replay.c with its states, and CMakeLists.txt."""
     values = {"row_bytes": ROW_BYTES, "magic": MAGIC, "fill": fill_from_bytes(e)}
     return {
         f"{e.name}.h": header(e).encode(),
         f"{e.name}.c": source(e).encode(),
         "replay.c": filled("replay.c", e, **values).encode(),
         f"{e.name}.states": packed(rows),
+        "CMakeLists.txt": filled("CMakeLists.txt", e).encode(),
     }
-
-
-def cmake_files(e: ExportedController) -> dict[str, bytes]:
-    """Return CMakeLists.txt."""
-    return {"CMakeLists.txt": filled("CMakeLists.txt", e).encode()}
 
 
 # Header and source --------------------------------------------------------------------------------------
