@@ -55,17 +55,14 @@ class Client:
         self._sent: Future[None] | None = None
         self._version = 0
         self._rows: dict[int, int] = {}  # stream -> the number of the next row
-        self._answers: deque[str] = deque(maxlen=_ANSWERS)
+        hello = words("hello", client=name, control=controls)
+        self._answers = deque([hello], maxlen=_ANSWERS)
         self._ignored = 0
         self.unfinished = 0  # of its requests
 
     def answer(self, number: int, ok: bool, text: str) -> None:
         """Queue the answer to one of its messages, for its next turn."""
         self._answers.append(words("answer", number=number, ok=ok, text=text))
-
-    def greet(self, **values: object) -> None:
-        """Queue the first message."""
-        self._answers.append(words("hello", client=self.name, control=self.controls, **values))
 
     def too_many(self) -> None:
         """Disconnect a page that keeps sending more than a page of ours does."""
@@ -117,7 +114,7 @@ class Gateway:
     _over: bool = False
     _last_words: str = ""
     _said: str = ""  # of the pages that may still want the report
-    _named: int = 0
+    named: int = 0  # clients, ever
     _operator_s: float = 0.0
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
@@ -199,20 +196,11 @@ class Gateway:
         for client in list(self.clients):
             client.turn(self.feed)
 
-    def joined(self, client: Client) -> None:
-        """Serve a client from now on."""
-        self.clients.add(client)
-
     def left(self, client: Client) -> None:
         """Forget a client; if it was the operator, another one may push."""
         self.clients.discard(client)
         if self.operator == client.name:
             self.operator = ""
-
-    def next_name(self) -> str:
-        """Return a name for a client, new each time."""
-        self._named += 1
-        return f"live{_UNIQUE}-{self._named}"
 
     def take(self, client: Client, text: str | bytes) -> None:
         """Take a client's message, and answer it when what it asks for is done."""
@@ -355,9 +343,10 @@ class PageSocket(_Checked, WebSocketHandler):
     def open(self, *args: str, **kwargs: str) -> None:
         """Greet the page."""
         self.set_nodelay(True)
-        self.client = Client(self.gateway.next_name(), self, self.may == "control")
-        self.client.greet()
-        self.gateway.joined(self.client)
+        self.gateway.named += 1
+        name = f"live{_UNIQUE}-{self.gateway.named}"
+        self.client = Client(name, self, self.may == "control")
+        self.gateway.clients.add(self.client)
 
     def on_message(self, message: str | bytes) -> None:
         """Take a message from the page."""
