@@ -21,8 +21,8 @@ from trunk_experiments.gateway.feed import (
     with_rules,
 )
 from trunk_experiments.gateway.graph import Graph
-from trunk_experiments.gateway.page_files import page_files
 from trunk_experiments.gateway.protocol import BadMessageError, asked, plain
+from trunk_experiments.gateway.server import page_files
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.samples import JointSample
 from trunk_sim.config import SimulatorConfig

@@ -15,8 +15,7 @@ from typing import Any
 
 from .access import Site, Tokens
 from .feed import Feed
-from .page_files import page_files, report_file
-from .server import Gateway
+from .server import Gateway, page_files, report_file
 
 # A third of what others get on a busy machine: enough to keep a page alive.
 _NICE = 5

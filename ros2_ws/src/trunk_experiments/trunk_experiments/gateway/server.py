@@ -10,15 +10,18 @@ from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from tornado.httpserver import HTTPServer
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
+from ..parts.inline import part
+from ..parts.page import STYLES, page, scripts
 from .access import MOST_CLIENTS, Rate, Site, Tokens
 from .feed import Feed, RefusedRequestError, frame
-from .page_files import PageFile
 from .protocol import ENDED, LONGEST, NAME, UNANSWERED, Asked, BadMessageError, asked, words
 
 _TURN_S = 1.0 / 60.0
@@ -42,6 +45,50 @@ _HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
+_OWN = ("wire.js", "health.js", "live.js")
+_SCRIPTS = scripts(feed=["wire.js"], own=["health.js", "live.js"])
+_KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+}
+
+
+class PageFile(NamedTuple):
+    """A file's type and content."""
+
+    kind: str
+    data: bytes
+
+
+def page_files() -> dict[str, PageFile]:
+    """Return the page's files by path."""
+    own = files(__package__) / "page"
+    html = page(
+        "Trunk, live",
+        "\n".join(f'<link rel="stylesheet" href="{_path(name)}">' for name in STYLES),
+        "\n".join(f'<script src="{_path(name)}"></script>' for name in _SCRIPTS),
+    )
+    texts = {
+        name: (own / name).read_text(encoding="utf-8") if name in _OWN else part(name)
+        for name in (*STYLES, *_SCRIPTS)
+    }
+    return {
+        "/": PageFile(_KINDS[".html"], html.encode()),
+        **{
+            _path(name): PageFile(_KINDS[Path(name).suffix], text.encode())
+            for name, text in texts.items()
+        },
+    }
+
+
+def _path(name: str) -> str:
+    return f"/{Path(name).name}"
+
+
+def report_file(path: Path) -> PageFile:
+    """Return a report for the page to open. Raises OSError."""
+    return PageFile(_KINDS[".html"], path.read_bytes())
 
 
 class Client:
