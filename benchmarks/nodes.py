@@ -43,7 +43,7 @@ from trunk_msgs_util import topics
 from .harness import BenchError, Row
 
 if TYPE_CHECKING:
-    from trunk_experiments.live.observer_node import Observer
+    from .observer import Observer
 
 LATENCY = "latency, median"
 MEASURES: dict[str, str] = {  # and their units
@@ -223,7 +223,7 @@ def _measure(loop: Way, rate: float, seconds: float, folder: Path) -> dict[str, 
 
     Raises BenchError if a process ends early.
     """
-    from trunk_experiments.live.observer_node import Observer
+    from .observer import Observer
 
     with (
         loop.started(folder) as running,
@@ -302,7 +302,7 @@ def timing(
 # ── pages ────────────────────────────────────────────────────────────────────────────────────────────────
 def live(rounds: int = 5, rate: float = 1000.0, seconds: float = 10.0, pages: int = 4) -> list[Row]:
     """Compare latency and missed steps of a loop while pages show it with the same loop without pages."""
-    from trunk_experiments.live.observer_node import Observer
+    from .observer import Observer
 
     alone, served = [], []
     with tempfile.TemporaryDirectory(prefix="trunk_bench_") as folder:
@@ -427,7 +427,7 @@ def _lockstep(plan: RunPlan, files: RunFiles) -> dict[str, float]:
 
 def _real_time(plan: RunPlan, files: RunFiles) -> dict[str, float]:
     """Run, and return late steps, unanswered states, and the time from a state's writing to its answer's."""
-    from trunk_experiments.live.observer_node import Observer
+    from .observer import Observer
 
     with Observer((topics.JOINT_STATES, topics.EFFORT_COMMAND)) as observer:
         recording = run_graph(plan, files, lambda t: observer.take(), note=_note)

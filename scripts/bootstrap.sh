@@ -47,7 +47,7 @@ find_python() {
 # The build links to modules and data instead of copying them: only these trigger a rebuild.
 workspace_key() {
     local src=ros2_ws/src
-    { printf '%s\n' "$made" "$pins" "$(declare -f launcher)" $src/*/*/config/* $src/*/{launch,layouts,ros2_control,rviz}/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
+    { printf '%s\n' "$made" "$pins" "$(declare -f launcher)" $src/*/*/config/* $src/*/{launch,layouts,rviz}/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
 }
 
 up_to_date() {
@@ -143,12 +143,12 @@ build() {
     local key script text venv_python=$root/.venv/bin/python
     key=$(workspace_key)
     rm -f ros2_ws/install/.built
+    find ros2_ws/{build,install} -xtype l -delete 2>/dev/null || true # colcon keeps links to data that is gone
     (
         cd ros2_ws
         COLCON_HOME=$root/.venv/.colcon "$venv_python" -m colcon --log-base /dev/null build --symlink-install \
             --event-handlers console_cohesion+ desktop_notification-
     ) >.venv/.log 2>&1 || { cat .venv/.log >&2; die 'ros2_ws could not be built, see above'; }
-    find -L ros2_ws/install/*/share -type l -delete # colcon leaves links to data that is gone
     local held=''
     if env --block-signal=INT,TERM true 2>/dev/null; then held='env --block-signal=INT,TERM '; fi
     for script in ros2_ws/install/*/lib/trunk_*/*; do

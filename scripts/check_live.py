@@ -28,11 +28,11 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.nodes import LATENCY, begin, graph_of, readers, resident_bytes, timing
+from benchmarks.observer import Observer
 
 from trunk_experiments.console.tables import print_table
 from trunk_experiments.gateway.process import LOOPBACK, GatewayProcess
 from trunk_experiments.gateway.protocol import NAME
-from trunk_experiments.live.observer_node import Observer
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.processes import stop
@@ -214,9 +214,7 @@ def check(minutes: float, rate: float, seconds: int, folder: Path) -> list[str]:
                 while time.monotonic() < until:
                     look()
                 loop.note("four pages")
-                gateway.turn()
-                if gateway.pid != pid:
-                    wrong.append(f"the gateway has ended: {log.read_text()}")
+                gateway.words()
         finally:
             gateway.close()
         for _ in range(seconds):

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import yaml
 
 REQUIREMENTS = Path(__file__).parents[1] / "requirements"
-RUNNING = "runtime", "ros", "cluster", "gym", "foxglove", "notebook"
-TOOLS = "setuptools", "build", "crate", "lab", "dev"
+RUNNING = "runtime", "ros", "cluster", "gym", "notebook"
+TOOLS = "setuptools", "build", "lab", "dev"
 ON_REQUEST = ("fuzzy",)
 _KEYS = {"allowed", "tools", "on_request", "names", "by_hand"}
 

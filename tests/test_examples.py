@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import sys
+from math import pi
 from pathlib import Path
 
 import pytest
 
+from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_msgs_util.mechanics import path_height
 from trunk_msgs_util.recording.reader import Recording
 
 from .finished import finished
@@ -79,3 +82,22 @@ def test_a_network_is_trained_for_some_steps_and_judged(train, tmp_path):
     assert [line for line in again.stdout.splitlines() if " of 2 " in line] == [
         line for line in done.stdout.splitlines() if " of 2 " in line
     ]
+
+
+@pytest.mark.slow
+def test_a_path_is_fitted_to_measured_points(tmp_path):
+    k, harmonics = 2.0 * pi / 0.7, (0.001, -0.003, 0.0, 0.002, -0.001, 0.004)
+    points = [(x / 100, 0.9 + path_height(x / 100, 0.0, k, harmonics)) for x in range(71)]
+    (tmp_path / "gait.csv").write_text("x,y\n" + "".join(f"{x!r},{y!r}\n" for x, y in points))
+    command = [sys.executable, EXAMPLES / "fit_hip_path.py", "gait.csv", "walk.yaml", "--harmonics"]
+    done = finished([*command, "3"], cwd=tmp_path)
+    assert done.stdout.startswith("71 points: "), done.stderr
+    plan = make_plan("fig6", "computed_torque", ["profile_walking", str(tmp_path / "walk.yaml")])
+    fitted = plan.simulator.body
+    assert (fitted.amplitude, fitted.wavenumber) == (0.0, pytest.approx(k))
+    assert fitted.harmonics == pytest.approx(harmonics, abs=1e-12)
+    assert fitted == plan.controller.model._replace(prescribed=fitted.prescribed)
+    for words, says in ((["3"], "File exists"), (["40"], "the points determine")):
+        again = finished([*command, *words], cwd=tmp_path)
+        assert again.returncode == 2
+        assert says in again.stderr.splitlines()[-1]

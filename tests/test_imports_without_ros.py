@@ -12,7 +12,7 @@ from .finished import finished
 
 SOURCES = Path(__file__).parents[1] / "ros2_ws" / "src"
 PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
-SHELLS = ("*_node.py", "*/node/*.py", "observer_node.py")
+SHELLS = ("*_node.py", "*/node/*.py")
 
 BLOCKED = """
 import importlib, sys

@@ -18,7 +18,6 @@ LIST_OF = {module: name for name, modules in ROSDEP["wheels"].items() for module
 DISTRIBUTIONS = {
     "cupy": "cupy-cuda12x",
     "axe_playwright_python": "axe-playwright-python",
-    "foxglove": "foxglove-sdk",
     "fuzzylite": "pyfuzzylite",
     "skfuzzy": "scikit-fuzzy",
 }

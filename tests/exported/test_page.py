@@ -32,6 +32,13 @@ def exported(tmp_path_factory):
 
 
 @pytest.mark.slow
+def test_the_examples_are_copied_with_a_controller(exported):
+    run(BLOCKS[3], exported)
+    for example in ("arduino", "plugin"):
+        assert (exported / "c" / example / "controller.h").exists()
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler: apt-get install gcc")
 def test_on_this_machine(exported):
     assert EQUAL in PAGE

@@ -124,17 +124,13 @@ def test_what_a_person_does_takes_effect_and_is_recorded(
     live.ready()
     live.until("known.plant.count > 10 && known.control_allowed")
 
-    # Another controller, without a bump; pause and go on; the gateway is killed and comes back.
+    # Another controller, without a bump; pause and go on.
     page.click("#controllers input[value=pid]")  # checked once it acts
     live.until("known.run.acting.join() === 'pid'")
     page.click("#pause")
     live.until("known.run.paused")
     page.click("#pause")
     live.until("!known.run.paused")
-    name = live.get("known.client")  # of this page; each gateway gives other names
-    os.kill(gateway_pid(child), signal.SIGKILL)
-    live.until(f"known.client !== {name!r}")
-    live.until("document.getElementById('link').dataset.state === 'open'")
     t = live.get("known.plant.last")
     live.until(f"known.plant.last > {t} + 0.5")
     other.until("known.gateway.clients === 2")
@@ -185,6 +181,19 @@ def test_in_lockstep_which_is_the_default_the_page_chooses_the_speed_and_who_act
     assert run.recording.complete, run.recording.end
     verdict = verdict_on(run)
     assert verdict.exit_code == VERIFIED, verdict
+
+
+def test_a_run_goes_on_without_its_gateway(children: Children, peer: Peer, tmp_path: Path) -> None:
+    child, *_ = start_live(children, "demo", "--controller", "pid", "--output", "run")
+    peer.until_started(child)
+    os.kill(gateway_pid(child), signal.SIGKILL)
+    until(lambda: "the page's server has ended" in child.stderr, "it is said")
+    seen = peer.hear(f"/{topics.GROUND_TRUTH}")
+    peer.until(lambda: len(seen) > 100, "the run goes on")
+    child.send(signal.SIGINT)
+    assert child.wait() == 0, child.stderr
+    assert child.stderr.count("\n") == 1
+    assert verdict_on(RecordedRun.open(tmp_path / "run" / "run.mcap")).exit_code == VERIFIED
 
 
 def test_without_a_page_nobody_waits_for_the_report(

@@ -23,7 +23,6 @@ setup(
             "py.typed",
             "config/*.yaml",
             "export_c/templates/*.in",
-            "export_c/templates/*/*.in",
             "paper/*.html.j2",
             "paper/*.css",
             "schemas/*.json",
@@ -51,7 +50,6 @@ setup(
         (f"share/{name}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{name}/layouts", sorted(glob("layouts/*"))),
         (f"share/{name}/rviz", sorted(glob("rviz/*.rviz"))),
-        (f"share/{name}/ros2_control", sorted(glob("ros2_control/*"))),
     ],
     python_requires=">=3.10,<3.14",
     classifiers=[
@@ -86,8 +84,6 @@ setup(
     extras_require={
         "test": ["pytest"],  # `colcon test` looks here for what runs the tests
         "cluster": ["distributed"],
-        "crate": ["rocrate>=0.13,<1"],
-        "foxglove": ["foxglove-sdk"],
         "gym": ["gymnasium"],
         "lab": ["ziglang"],
         "notebook": ["pandas"],

@@ -12,12 +12,9 @@ from tornado.testing import bind_unused_port
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from trunk_experiments.gateway.access import Site, Tokens
-from trunk_experiments.gateway.board import Board
-from trunk_experiments.gateway.feed import RefusedRequestError, put_stream
-from trunk_experiments.gateway.page_files import page_files
+from trunk_experiments.gateway.feed import Board, RefusedRequestError, StreamRows, put_stream
 from trunk_experiments.gateway.protocol import NAME
-from trunk_experiments.gateway.rows import StreamRows
-from trunk_experiments.gateway.server import Gateway
+from trunk_experiments.gateway.server import Gateway, page_files
 
 NO_LIMIT = {"connect_timeout": 0.0, "request_timeout": 0.0}  # tornado: 20 s
 

@@ -11,11 +11,17 @@ import numpy as np
 
 from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.pid import PidConfig
-from trunk_experiments.gateway.board import Board
-from trunk_experiments.gateway.feed import PLANT, RefusedRequestError, put_stream
+from trunk_experiments.gateway.feed import (
+    PLANT,
+    PLANT_COLUMNS,
+    Board,
+    RefusedRequestError,
+    StreamRows,
+    columns_of,
+    put_stream,
+    with_rules,
+)
 from trunk_experiments.gateway.graph import Graph
-from trunk_experiments.gateway.rows import StreamRows
-from trunk_experiments.gateway.streams import PLANT_COLUMNS, columns_of, with_rules
 from trunk_msgs_util.parameters.declarations import ParameterError, build, values_of
 from trunk_sim.config import SimulatorConfig
 

@@ -21,7 +21,6 @@ from trunk_experiments.runs.processes import find_executable
         (["run", "fig8", "--controller"], "f", ["fuzzy_pid", "fuzzy"]),
         (["plan", "fig8", "--params"], "pid_as", ["pid_as_printed"]),
         (["sweep"], "r", ["robustness", "rules"]),
-        (["study", "map"], "d", ["delay_gain"]),
         (["list"], "s", ["scenarios", "schemas", "studies"]),
         (["study"], "s", ["show", "sensitivity"]),
         (["controller"], "ch", ["check", "check-node"]),

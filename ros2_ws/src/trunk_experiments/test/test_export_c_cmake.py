@@ -39,7 +39,7 @@ def run(*words):
 
 @pytest.mark.parametrize("kind", ["Debug", "Release"])
 def test_the_library_and_its_replay(kind, command_says, tmp_path):
-    code, _, err = command_says("export-c", "fuzzy_pid", "-o", tmp_path / "c", "--cmake")
+    code, _, err = command_says("export-c", "fuzzy_pid", "-o", tmp_path / "c")
     assert code == 0, err
     built = tmp_path / "built"
     run("cmake", "-S", tmp_path / "c", "-B", built, f"-DCMAKE_BUILD_TYPE={kind}")
@@ -51,7 +51,7 @@ def test_the_library_and_its_replay(kind, command_says, tmp_path):
 
 def test_three_controllers_in_another_project(command_says, tmp_path):
     for name, law in EXPORTS.items():
-        words = ("export-c", law, "--name", name, "-o", tmp_path / name, "--cmake")
+        words = ("export-c", law, "--name", name, "-o", tmp_path / name)
         assert command_says(*words)[0] == 0
     (tmp_path / "CMakeLists.txt").write_text(PROJECT)
     (tmp_path / "main.c").write_text(MAIN)

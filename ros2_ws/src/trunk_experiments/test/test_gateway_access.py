@@ -8,8 +8,8 @@ import pytest
 from tornado.httpclient import HTTPClientError
 
 from trunk_experiments.gateway.access import MOST_CLIENTS
-from trunk_experiments.gateway.page_files import page_files
 from trunk_experiments.gateway.protocol import NAME
+from trunk_experiments.gateway.server import page_files
 
 from .gateway_served import serving, words
 

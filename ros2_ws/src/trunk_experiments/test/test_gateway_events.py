@@ -7,7 +7,7 @@ import json
 import pytest
 
 from trunk_control.fuzzy_pid import FuzzyPidConfig
-from trunk_experiments.gateway.board import Board
+from trunk_experiments.gateway.feed import Board
 from trunk_experiments.gateway.graph import Graph
 from trunk_msgs_util.parameters.declarations import values_of
 

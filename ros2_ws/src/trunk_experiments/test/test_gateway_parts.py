@@ -11,12 +11,18 @@ from trunk_control.fuzzy import fired_rules
 from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.pid import PidConfig
 from trunk_experiments.gateway.access import Rate, Site, Tokens, origin_of
-from trunk_experiments.gateway.board import Board
+from trunk_experiments.gateway.feed import (
+    PLANT_COLUMNS,
+    Board,
+    StreamRows,
+    columns_of,
+    frame,
+    row_of,
+    with_rules,
+)
 from trunk_experiments.gateway.graph import Graph
-from trunk_experiments.gateway.page_files import page_files
-from trunk_experiments.gateway.protocol import BadMessageError, asked, frame, plain
-from trunk_experiments.gateway.rows import StreamRows
-from trunk_experiments.gateway.streams import PLANT_COLUMNS, columns_of, row_of, with_rules
+from trunk_experiments.gateway.protocol import BadMessageError, asked, plain
+from trunk_experiments.gateway.server import page_files
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.samples import JointSample
 from trunk_sim.config import SimulatorConfig

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import pytest
 
 from trunk_experiments.gateway import server
-from trunk_experiments.gateway.clients import Rate
-from trunk_experiments.gateway.page_files import PageFile
+from trunk_experiments.gateway.access import Rate
 from trunk_experiments.gateway.protocol import ENDED, LONGEST, NAME
+from trunk_experiments.gateway.server import PageFile
 
 from .gateway_served import serving, words
 

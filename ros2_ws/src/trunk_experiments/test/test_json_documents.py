@@ -78,20 +78,19 @@ CASES = [
     Case("recover-1", "recover cut.mcap -o new.mcap", 1),
     Case("export-1", "export a.mcap -o a.csv -o a.parquet -o a.npz -o c.mcap"),
     Case("export-c-1", "export-c pid --name hip --like a.mcap -o c"),
-    Case("export-c-1", "export-c fuzzy_pid --name left_hip --law --arduino -o c"),
+    Case("export-c-1", "export-c fuzzy_pid --name left_hip --law -o c"),
     Case("params-1", "params"),
     Case("params-show-1", "params show fig8"),
     Case("new-1", "controller new mine"),
     Case("check-1", "controller check pid"),
     Case("sweep-1", "sweep study.yaml -o new.parquet --check"),
-    Case("map-1", "study map study.yaml"),
+    Case("map-1", "study map swept.parquet"),
     Case("tune-1", "tune poles -o gains.yaml"),
     Case("tune-1", "tune relay --lag 0.01 --damping 1"),
     Case("tune-1", "tune optimise --controller fuzzy_pid --generations 1 --population 2"),
     Case("limit-1", "limit fig6 --vary simulator.sensor.delay --to 0.5 --within 0.1"),
     Case("margins-1", "margins"),
     Case("margins-1", "margins b.mcap -o loop.png"),
-    Case("fit-path-1", "fit path gait.csv --harmonics 2 -o gait.yaml"),
 ]
 
 

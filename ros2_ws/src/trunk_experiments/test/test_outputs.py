@@ -41,7 +41,6 @@ def here(tmp_path, monkeypatch, short_run):
     Path("fig8").mkdir()
     shutil.copy(recording, "fig8/run.mcap")
     Path("params.yaml").write_text("pid:\n  ros__parameters:\n    gains.p: 12.0\n")
-    Path("gait.csv").write_text("0,0\n0.1,1\n0.2,0\n0.3,-1\n0.4,0\n")
     Path("study.yaml").write_text("scenario: fig6\ncontrollers: [pid]\n")
     return tmp_path
 
@@ -58,9 +57,7 @@ OVER_INPUTS = [
     ("plan", "fig6", "--params", "params.yaml", "-o", "params.yaml"),
     ("plan", "params.yaml", "-o", "params.yaml"),
     ("tune", "poles", "--params", "params.yaml", "-o", "params.yaml"),
-    ("fit", "path", "params.yaml", "-o", "params.yaml"),
     ("sweep", "study.yaml", "-o", "study.yaml"),
-    ("study", "map", "study.yaml", "-o", "study.yaml"),
 ]
 
 
@@ -93,7 +90,6 @@ OVER_OTHERS = [
     ("simulate", "fig6", "--duration", "0.1", "-o", "other.mcap"),
     ("plan", "fig6", "-o", "other.yaml"),
     ("tune", "poles", "-o", "other.yaml"),
-    ("fit", "path", "gait.csv", "--harmonics", "1", "-o", "other.yaml"),
 ]
 
 

@@ -21,15 +21,8 @@ def test_the_first_screen_has_each_family_and_fits_80_columns(command_says):
         ["run", "look", "trust", "many runs", "tools"]
     )
     shown = {line[11:21].strip() for line in lines[4:-2]}
-    assert shown == set(OVERVIEW) - {"fit"}
+    assert shown == set(OVERVIEW)
     assert len(lines) == len(shown) + 6  # a line for each verb, no space between families
-    assert lines[-1].endswith("For fit, too: trunk help --all.")
-
-
-def test_all_verbs_are_listed_on_demand(command_says):
-    _, out, _ = command_says("help", "--all")
-    assert {line[11:21].strip() for line in out.splitlines()[4:-2]} == set(OVERVIEW)
-    assert max(map(len, out.splitlines())) <= 80
 
 
 @pytest.mark.slow
@@ -41,11 +34,9 @@ def test_help_on_a_verb_is_its_own(words, command_says):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (
-            ["help", "sweeep"],
-            "no verb 'sweeep': trunk help --all lists them all; did you mean 'sweep'?",
-        ),
-        (["hepl"], "no verb 'hepl': trunk help --all lists them all; did you mean 'help'?"),
+        (["help", "sweeep"], "no verb 'sweeep': trunk help lists them all; did you mean 'sweep'?"),
+        (["hepl"], "no verb 'hepl': trunk help lists them all; did you mean 'help'?"),
+        (["fit", "path", "a.csv"], "no verb 'fit': run examples/fit_hip_path.py"),
         (
             ["help", "study", "mpa"],
             (

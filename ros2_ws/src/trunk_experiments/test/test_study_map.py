@@ -1,7 +1,4 @@
-"""Maps render, with and without Floquet's line; controllers are compared over the same draws.
-
-``trunk study map`` refuses what cannot be drawn before anything is swept.
-"""
+"""Maps render, with and without Floquet's line; controllers are compared over the same draws."""
 
 from __future__ import annotations
 
@@ -322,13 +319,12 @@ ONE = WALKING[: WALKING.index("  gain:")]
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.yaml").write_text(WALKING)
-    (tmp_path / "mode.yaml").write_text(WALKING + MODE)
-    (tmp_path / "one.yaml").write_text(ONE)
     drawn = (
         "  delay: {parameter: simulator.sensor.delay, distribution: uniform, low: 0.0, high: 0.1}\n"
     )
-    (tmp_path / "none.yaml").write_text(ONE[: ONE.index("  delay:")] + drawn)
+    none = ONE[: ONE.index("  delay:")] + drawn
+    for name, text in (("mine", WALKING), ("mode", ONE + MODE), ("one", ONE), ("none", none)):
+        swept(text, tmp_path).rename(f"{name}.parquet")
     return tmp_path
 
 
@@ -340,22 +336,23 @@ def map_of(*arguments):
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["mine.yaml", "-o", "x.jpg"], "x.jpg: the file's name must end in .png, .svg or .pdf"),
-        (["mine.yaml", "-o", "none/x.png"], "there is no folder none"),
-        (["mine.yaml", "--metric", "nix"], "no metric 'nix': one of "),
-        (["mine.yaml", "--x", "nix"], "'nix' is not a grid variable; available: delay, gain"),
-        (["mine.yaml", "--x", "gain", "--y", "gain"], "--x and --y are both 'gain'"),
-        (["mode.yaml", "--x", "mode"], "'mode' holds no numbers"),
+        (["mine.parquet", "-o", "x.jpg"], "x.jpg: the file's name must end in .png, .svg or .pdf"),
+        (["mine.parquet", "-o", "none/x.png"], "there is no folder none"),
+        (["mine.parquet", "--metric", "nix"], "no column 'nix': one of "),
+        (["mine.parquet", "--x", "nix"], "'nix' is not a grid variable; available: delay, gain"),
+        (["mine.parquet", "--x", "gain", "--y", "gain"], "--x and --y are both 'gain'"),
+        (["mode.parquet", "--x", "mode"], "'mode' holds no numbers"),
         (
-            ["one.yaml", "--y", "delay"],
+            ["one.parquet", "--y", "delay"],
             "--y delay: there is no other grid variable: give --x delay",
         ),
-        (["none.yaml"], "a map needs one or two grid variables; it has none"),
-        (["nix.yaml"], "no study 'nix.yaml'"),
+        (["none.parquet"], "a map needs one or two grid variables; it has none"),
+        (["study.yaml"], "study.yaml: not a Parquet file: give the results of a trunk sweep"),
     ],
     ids=str,
 )
-def test_what_cannot_be_drawn_is_not_swept(here, arguments, line):
+def test_a_mistake_writes_nothing(here, arguments, line):
+    (here / "study.yaml").write_text(WALKING)
     before = sorted(here.iterdir())
     done, told = map_of(*arguments)
     assert done.exit_code != 0
@@ -363,16 +360,8 @@ def test_what_cannot_be_drawn_is_not_swept(here, arguments, line):
     assert sorted(here.iterdir()) == before
 
 
-def test_a_study_is_swept_and_drawn(here):
-    done, told = map_of("mine.yaml")
-    assert done.exit_code == 0, told
-    assert {path.name for path in here.iterdir()} >= {"mine.parquet", "mine.png"}
-    done, told = map_of("mine.yaml", "-o", "again.png")
-    assert "mine.parquet: it exists: give it in place of mine.yaml, or delete it" in told
-
-
 def test_one_variable_gives_curves(here):
-    done, message = map_of("one.yaml", "-o", "one.svg")
+    done, message = map_of("one.parquet", "-o", "one.svg")
     assert done.exit_code == 0, message
     assert message.splitlines()[-1].endswith("one.svg: 1 controllers over delay")
     picture = (here / "one.svg").read_text()
@@ -382,7 +371,6 @@ def test_one_variable_gives_curves(here):
 
 @pytest.mark.slow
 def test_a_picture_is_replaced_only_by_force(here):
-    map_of("mine.yaml", "-o", "x.png")
     (here / "mine.png").write_text("mine")
     for named in ((), ("-o", "mine.png")):
         done, told = map_of("mine.parquet", *named)
@@ -396,7 +384,7 @@ def test_a_picture_is_replaced_only_by_force(here):
 
 @pytest.mark.slow
 def test_one_given_axis_leaves_the_other_variable_to_the_other_axis(here):
-    _, told = map_of("mine.yaml", "--y", "delay")
+    _, told = map_of("mine.parquet", "--y", "delay")
     assert "over gain and delay" in told
 
 
@@ -409,7 +397,7 @@ def test_a_terminal_shows_the_progress(here, monkeypatch):
 
     monkeypatch.setattr(progress, "console", terminal)
     monkeypatch.setattr(progress, "_on_terminal", lambda: True)
-    done, told = map_of("mine.yaml")
+    done, told = map_of("mine.parquet")
     assert done.exit_code == 0, told
-    for text in ("runs", "Floquet multipliers", "100%"):
+    for text in ("Floquet multipliers", "100%"):
         assert text in screen.getvalue()

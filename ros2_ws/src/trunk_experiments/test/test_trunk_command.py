@@ -220,7 +220,7 @@ def test_a_fall_is_said_first_of_a_simulated_run(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("verb", ["controller", "fit", "list", "params", "study", "tune"])
+@pytest.mark.parametrize("verb", ["controller", "list", "params", "study", "tune"])
 def test_help_cuts_no_sentence(verb):
     commands = trunk(verb, "--help").stdout.partition("Commands:")[2]
     assert commands.strip().endswith(".")

@@ -94,7 +94,7 @@ def test_foxglove_draws_values_that_exist_in_panels_that_exist():
 def test_views_are_installed():
     prefix = pytest.importorskip("ament_index_python.packages")
     share = Path(prefix.get_package_share_directory("trunk_experiments"))
-    for folder in ("launch", "rviz", "layouts", "ros2_control"):
+    for folder in ("launch", "rviz", "layouts"):
         wanted = {path.name for path in (PACKAGE / folder).iterdir() if path.is_file()}
         assert wanted
         assert {path.name for path in (share / folder).iterdir()} >= wanted

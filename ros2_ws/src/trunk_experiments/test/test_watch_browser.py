@@ -140,7 +140,7 @@ def test_parameters_are_those_at_the_time_shown(watched, tmp_path):
 
 
 def test_rules_are_hidden_while_their_parameters_are_not_known(watched, swapped):
-    """A restarted gateway knows the nodes before it knows their parameters."""
+    """A gateway knows the nodes before it knows their parameters."""
     page = watched(swapped)
     hidden = "() => { rules.show(); return document.getElementById('rules').hidden; }"
     assert page.evaluate(hidden) is False
@@ -205,7 +205,6 @@ def test_json_gives_the_address(swapped):
     assert document["address"] == document["watch_address"]
     assert document["address"] in words
     assert document["recording"] == str(swapped)
-    assert document["foxglove"] is None
 
 
 def test_the_rows_are_those_of_the_recording(swapped):

@@ -75,7 +75,6 @@ VERBS = (
     Verb(("tune", "poles"), (), ".yaml"),
     Verb(("tune", "lqr"), (), ".yaml"),
     Verb(("tune", "optimise", "--generations", "1", "--population", "2"), (), ".yaml"),
-    Verb(("fit", "path", "--harmonics", "1"), ("gait.csv",), ".yaml"),
     Verb(("run",), ("demo", "--lockstep", "--composed", "--duration", "0.05")),
 )
 
@@ -152,7 +151,6 @@ def furnish(folder: Path) -> Path:
     (folder / "study.yaml").write_text(STUDY)
     (folder / "drawn.yaml").write_text(DRAWN)
     write_key(folder / "key", ALICE)
-    (folder / "gait.csv").write_text("x,y\n0,0\n0.1,1\n0.2,0\n0.3,-1\n0.4,0\n0.5,1\n")
     sound = (folder / "a.mcap").read_bytes()
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

@@ -68,12 +68,9 @@ _FAMILIES = {
         "export-web": "Write a scenario as a lab in one HTML file.",
     },
 }
-# Seldom needed: not on the first screen.
-_MORE = {
-    "fit": "Compute parameters from measurements: the hip's path.",
-}
-OVERVIEW = {verb: line for verbs in (*_FAMILIES.values(), _MORE) for verb, line in verbs.items()}
-_ALL = f"{__name__}.all"  # in a context: also what is seldom needed
+OVERVIEW = {verb: line for verbs in _FAMILIES.values() for verb, line in verbs.items()}
+# Verbs of earlier versions, and what does their work now.
+_GONE = {"fit": "run examples/fit_hip_path.py"}
 
 # Prefixes and suffixes of ROS 2's module names.
 _ROS = ("rcl", "rosidl", "ament_", "launch"), ("_msgs", "_interfaces", "_srvs")
@@ -87,19 +84,16 @@ class _Trunk(LazyVerbs):
 
     def unknown(self, ctx: click.Context, name: str) -> str:
         meant = did_you_mean(name, (*self.list_commands(ctx), "help"))
-        return f"no verb {name!r}: trunk help --all lists them all{meant}"
+        return f"no verb {name!r}: {_GONE.get(name) or f'trunk help lists them all{meant}'}"
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the families side by side with their verbs: an overview of one screen."""
-        everything = ctx.meta.get(_ALL)
-        families = {**_FAMILIES, "more": _MORE} if everything else _FAMILIES
         formatter.write("\n")
-        for family, verbs in families.items():
+        for family, verbs in _FAMILIES.items():
             for verb, line in verbs.items():
                 formatter.write(f"{family:9}  {verb:10}  {line}\n")
                 family = ""
-        seldom = "" if everything else f" For {' and '.join(_MORE)}, too: trunk help --all."
-        formatter.write(f"\nFor a verb's options: trunk help VERB.{seldom}\n")
+        formatter.write("\nFor a verb's options: trunk help VERB.\n")
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         from click.shell_completion import CompletionItem
@@ -150,13 +144,10 @@ def _complete_verb(
 
 @click.command("help")
 @click.argument("words", metavar="[VERB]...", nargs=-1, shell_complete=_complete_verb)
-@click.option("--all", "everything", is_flag=True, help="List also what is seldom needed.")
 @click.pass_context
-def _help(context: click.Context, words: tuple[str, ...], everything: bool) -> None:
+def _help(context: click.Context, words: tuple[str, ...]) -> None:
     """Explain a verb, as VERB --help does, or list all verbs."""
-    root = context.find_root()
-    root.meta[_ALL] = everything
-    click.echo(_below(root, list(words)).get_help())
+    click.echo(_below(context.find_root(), list(words)).get_help())
 
 
 @click.group(

@@ -36,12 +36,6 @@ class NotSignedError(TrunkError):
     exit_code: ClassVar[int] = EXIT_FAILED
 
 
-class CrateError(TrunkError):
-    """A recording that does not belong in a crate: its name, why, how to find out more."""
-
-    exit_code: ClassVar[int] = EXIT_FAILED
-
-
 class ExecutableError(TrunkError):
     """A node's executable that is not installed."""
 

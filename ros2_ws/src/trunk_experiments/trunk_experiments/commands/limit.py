@@ -84,7 +84,10 @@ PlanOf = Callable[[str, str], RunPlan]  # of a controller, with a value
     help="With --study: how many values.",
 )
 @device_option
-@output_options("A folder for the two recordings on either side; with --study, the picture.")
+@output_options(
+    "A folder for the two recordings on either side; with --study, the picture.",
+    force="Replace files that exist.",
+)
 @json_option("limit-1")
 def command(
     scenario: str | None,

@@ -16,7 +16,7 @@ from trunk_msgs_util.node import middleware
 
 from ..console.document import json_option
 from ..console.outputs import check_not_read, output_options
-from ..console.page import checked_host, page_options, serve, serving_foxglove, show_address
+from ..console.page import checked_host, page_options, serve, show_address
 from ..console.plan_options import HAND, external_option, files_read, plan_of, plan_options
 from ..console.terminal import line_of, report_error
 from ..errors import GatewayError, PlanError, RunError
@@ -24,13 +24,13 @@ from ..gateway.process import GatewayProcess
 from ..plans.files import checked_namespace
 from ..recorded.run import RecordedRun
 from ..runs.external import connection_lines
-from ..runs.files import BESIDE, RunFiles
+from ..runs.files import GATEWAY_LOG, RunFiles
 from ..runs.graph import run_graph
 from ..runs.processes import Interrupt, check_nodes_installed, claimed_domain
 from .run import show_run
 
 _REPORT = "report.html"
-_OF_THE_PAGE = ("attach", "foxglove", "host", "port", "url", "browser", "as_json")
+_OF_THE_PAGE = ("attach", "host", "port", "url", "browser", "as_json")
 
 
 @click.command("live")
@@ -55,14 +55,6 @@ _OF_THE_PAGE = ("attach", "foxglove", "host", "port", "url", "browser", "as_json
     metavar="NAMESPACE",
     help="Join the graph that is running in this namespace; / for none.",
 )
-@click.option(
-    "--foxglove",
-    type=click.IntRange(0, 65535),
-    is_flag=False,
-    flag_value=8765,
-    metavar="[PORT]",
-    help="Serve the graph to Foxglove and Lichtblick as well, on this port of 127.0.0.1.",
-)
 @page_options
 @json_option("page-1")
 def command(
@@ -73,7 +65,6 @@ def command(
     realtime: bool,
     lockstep: bool,
     attach: str | None,
-    foxglove: int | None,
     host: str,
     port: int,
     url: str,
@@ -92,7 +83,7 @@ def command(
     middleware.prepare()
     if attach is not None:
         _check_alone()
-        _attach(checked_namespace(attach), host, port, url, browser, foxglove, as_json)
+        _attach(checked_namespace(attach), host, port, url, browser, as_json)
         return
     check_nodes_installed()
     claim = click.get_current_context().with_resource(ExitStack())
@@ -114,16 +105,14 @@ def command(
             check_not_read(file, files_read({"scenario": scenario, **options}))
     files = RunFiles.for_run(plan, output, force)
     files.logs.mkdir(parents=True, exist_ok=True)
-    for name in BESIDE if force else ():
-        (files.logs / name).unlink(missing_ok=True)
     shown = {
         "namespace": "",
         "standby": [n for n in others if n != first],
         "stoppable": not plan.simulator.duration,
     }
-    gateway = GatewayProcess(files.logs / "gateway.log", host, port, shown, url)
-    with closing(gateway), serving_foxglove(foxglove, "", files.logs) as viewer:
-        show_address(gateway, browser, files.recording, viewer, as_json=as_json)
+    gateway = GatewayProcess(files.logs / GATEWAY_LOG, host, port, shown, url)
+    with closing(gateway):
+        show_address(gateway, browser, files.recording, as_json=as_json)
         for line in connection_lines(plan) if plan.external is not None else ():
             click.echo(line)
         click.echo(f"{plan.scenario}, {plan.turns}: runs until it is stopped, here with Ctrl-C")
@@ -133,7 +122,7 @@ def command(
         def over() -> bool:
             nonlocal shown_page
             try:
-                heard.extend(gateway.turn() if shown_page else ())
+                heard.extend(gateway.words() if shown_page else ())
             except (GatewayError, OSError) as error:  # the run does not depend on it
                 shown_page = False
                 report_error(error)
@@ -174,26 +163,14 @@ def _check_alone() -> None:
             raise PlanError(f"--attach joins a graph as it is: leave out {option.opts[0]}")
 
 
-def _attach(
-    namespace: str,
-    host: str,
-    port: int,
-    url: str,
-    browser: bool,
-    foxglove: int | None,
-    as_json: bool,
-) -> None:
+def _attach(namespace: str, host: str, port: int, url: str, browser: bool, as_json: bool) -> None:
     if find_spec("rclpy") is None:
         raise ModuleNotFoundError(name="rclpy")  # reported by the command, before a page is opened
     with tempfile.TemporaryDirectory(prefix="trunk_live_") as folder:
-        log = Path(folder) / "gateway.log"
+        log = Path(folder) / GATEWAY_LOG
         gateway = GatewayProcess(log, host, port, {"namespace": namespace}, url)
-        with (
-            Interrupt() as interrupt,
-            closing(gateway),
-            serving_foxglove(foxglove, namespace, Path(folder)) as viewer,
-        ):
-            show_address(gateway, browser, None, viewer, as_json=as_json)
+        with Interrupt() as interrupt, closing(gateway):
+            show_address(gateway, browser, None, as_json=as_json)
             click.echo(f"the graph in {namespace or '/'}: until Ctrl-C, which ends only the page")
             serve(gateway, interrupt)
 

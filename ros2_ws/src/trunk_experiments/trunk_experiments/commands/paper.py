@@ -29,11 +29,6 @@ if TYPE_CHECKING:
     help="Run each figure in the ROS 2 graph as well (lock-step, composed) and compare the bits.",
 )
 @click.option(
-    "--crate",
-    is_flag=True,
-    help="Make the folder an RO-Crate for a reviewer: verified recordings, hashes, CODECHECK's manifest.",
-)
-@click.option(
     "--labs",
     is_flag=True,
     help="Also each figure's experiment as a page that runs it in a browser; needs clang and lld.",
@@ -45,7 +40,6 @@ def command(
     output: Path,
     force: bool,
     graph: bool,
-    crate: bool,
     labs: bool,
     as_json: bool,
 ) -> None:
@@ -53,10 +47,7 @@ def command(
 
     Exit code 1 if a graph run's bits differ from the offline run's, or an erratum is not shown.
     """
-    from trunk_msgs_util import provenance
-
     from ..lab.wasm import missing_tools
-    from ..paper.crate import check_installed, write_crate
     from ..paper.report import write_report
     from ..paper.reproduction import as_json as paper_values
     from ..paper.reproduction import reproduce
@@ -66,11 +57,8 @@ def command(
 
     if graph:
         check_nodes_installed()
-    if crate:
-        check_installed()
     if labs and (reason := missing_tools()):
         raise PlanError(f"--labs: {reason}")
-    begun = provenance.gather()
     check_folder(output, force)
     output.mkdir(parents=True, exist_ok=True)
     with steps_told() as tell:
@@ -79,14 +67,11 @@ def command(
             tell(f"making a lab of {figure}")
             write_lab(output / f"{figure}_lab.html", ("pid", "fuzzy_pid"), scenario=figure)
         report = write_report(result, output, tell, labs)
-        described = write_crate(result, output, begun, tell) if crate else None
     shown = sum(shown for _, shown, _ in result.errata)
     if as_json:
         write_json("paper-1", {"folder": output, "report": report, **paper_values(result)})
     else:
         _show(result, report, graph)
-        if described:
-            click.echo(f"crate: {described}")
     if result.differing or shown < len(result.errata):
         context.exit(1)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from math import cos, exp, isfinite, sin
+from itertools import pairwise
+from math import cos, exp, inf, isfinite, sin
 from typing import NamedTuple
 
 from trunk_msgs_util.samples import JointSample
@@ -11,15 +12,8 @@ from trunk_msgs_util.text import quoted_names
 from trunk_msgs_util.units import NANOSECONDS, seconds
 
 # The phases, in order. The first three are played twice, with a reset before the second time.
-MOTION, REST, LARGE, GAP, REPEAT, SILENCE, RESET = (
-    "motion",
-    "rest",
-    "large",
-    "gap",
-    "repeat",
-    "silence",
-    "reset",
-)
+MOTION, REST, LARGE, GAP, REPEAT, SILENCE = "motion", "rest", "large", "gap", "repeat", "silence"
+_TWICE = (MOTION, REST, LARGE)
 _COUNTS = {MOTION: 100, REST: 10, LARGE: 20, GAP: 10}
 _SKIPPED = 20  # states that are left out before the phase GAP
 SILENT_S = 0.5
@@ -46,7 +40,7 @@ def states_to_play(rate: float) -> Iterator[Played]:
     period_ns = round(NANOSECONDS / rate)
     for again in (False, True):
         index = 0
-        for phase in (MOTION, REST, LARGE):
+        for phase in _TWICE:
             for _ in range(_COUNTS[phase]):
                 yield _state(phase, again, index, period_ns)
                 index += 1
@@ -90,20 +84,13 @@ class Exchange(NamedTuple):
     answers: tuple[TimedCommand, ...]
 
 
-class NodeFinding(NamedTuple):
-    """What a node does otherwise than it should, and what to write instead."""
-
-    check: str
-    problem: str
-    advice: str
-
-
 class NodeCheck(NamedTuple):
-    """A check: its name, what it asserts, and its function of what was exchanged."""
+    """A check: what it asserts, what to write where that does not hold, and what is wrong; empty: nothing."""
 
     name: str
     asserts: str
-    run: Callable[[Transcript], Iterator[NodeFinding]]
+    advice: str
+    problem: Callable[[Transcript], str]
 
 
 class Transcript(NamedTuple):
@@ -120,250 +107,234 @@ class Transcript(NamedTuple):
         place = command.name.index(self.joint)
         return command.effort[place] if place < len(command.effort) else None
 
-    def efforts(self, again: bool, phases: Sequence[str]) -> list[float | None]:
-        """Return the torque of the first answer to each state of some phases, N m."""
+    def efforts(self, again: bool, *phases: str) -> list[tuple[Played, float | None]]:
+        """Return the states of some phases with the torque of the first answer, N m."""
         return [
-            self.effort(exchange.answers[0].command) if exchange.answers else None
-            for exchange in self.exchanges
-            if exchange.played.again == again and exchange.played.phase in phases
+            (played, self.effort(answers[0].command) if answers else None)
+            for played, answers in self.exchanges
+            if played.again == again and played.phase in phases
         ]
 
     @property
-    def commands(self) -> list[JointSample]:
-        """All commands."""
-        return [answer.command for exchange in self.exchanges for answer in exchange.answers]
+    def answers(self) -> list[tuple[Played, TimedCommand]]:
+        """All commands, each with the state after which it came."""
+        return [(e.played, answer) for e in self.exchanges for answer in e.answers]
 
     @property
     def latencies_s(self) -> list[float]:
         """How long the first answer to each state took, ascending."""
-        return sorted(
-            exchange.answers[0].after_s for exchange in self.exchanges if exchange.answers
-        )
+        return sorted(e.answers[0].after_s for e in self.exchanges if e.answers)
 
 
-def findings(transcript: Transcript) -> list[tuple[NodeCheck, list[NodeFinding]]]:
-    """Return each check's findings. Checks that need answers find nothing where there is none."""
-    return [(check, list(check.run(transcript))) for check in CHECKS]
+def findings(transcript: Transcript) -> list[tuple[NodeCheck, str]]:
+    """Return each check with what is wrong, empty for nothing, as where it needs answers and has none."""
+    return [(check, check.problem(transcript)) for check in CHECKS]
 
 
 def _at(played: Played) -> str:
     return f"t = {seconds(played.stamp_ns):g} s"
 
 
-def _answers(t: Transcript) -> Iterator[NodeFinding]:
-    asked = [exchange for exchange in t.exchanges if exchange.played.phase in (MOTION, REST, LARGE)]
-    silent = [exchange for exchange in asked if not exchange.played.again and not exchange.answers]
-    if silent:
-        count = sum(not exchange.played.again for exchange in asked)
-        yield NodeFinding(
-            "answers",
-            f"{len(silent)} of {count} states have no answer, the first at {_at(silent[0].played)}",
-            "publish one command in the callback of joint_states, for each state",
-        )
+def _answers(t: Transcript) -> str:
+    asked = [e for e in t.exchanges if e.played.phase in _TWICE and not e.played.again]
+    silent = [e for e in asked if not e.answers]
+    if not silent:
+        return ""
+    return (
+        f"{len(silent)} of {len(asked)} states have no answer, the first at {_at(silent[0].played)}"
+    )
 
 
-def _once(t: Transcript) -> Iterator[NodeFinding]:
+def _once(t: Transcript) -> str:
     often = [
-        exchange
-        for exchange in t.exchanges
-        if len(exchange.answers) > 1 and exchange.played.phase not in (REPEAT, SILENCE)
+        e for e in t.exchanges if len(e.answers) > 1 and e.played.phase not in (REPEAT, SILENCE)
     ]
-    if often:
-        first = often[0]
-        yield NodeFinding(
-            "once",
-            f"{len(often)} states have several answers, {len(first.answers)} at {_at(first.played)}",
-            "publish in one place only, and subscribe once",
-        )
+    if not often:
+        return ""
+    played, answers = often[0]
+    return f"{len(often)} states have several answers, {len(answers)} at {_at(played)}"
 
 
-def _stamp(t: Transcript) -> Iterator[NodeFinding]:
-    answers = [answer for exchange in t.exchanges for answer in exchange.answers]
-    if len(answers) > 20 and sum(answer.late for answer in answers) > 0.9 * len(answers):
-        yield NodeFinding(
-            "stamp",
-            "the answers carry the stamp of an earlier state: they come after the next one",
-            "copy header.stamp of the state that is being answered",
-        )
-        return
-    for exchange in t.exchanges:
-        for answer in exchange.answers:
-            stamp_ns = answer.command.stamp_ns
-            if stamp_ns == exchange.played.stamp_ns:
-                continue
-            if stamp_ns == 0:
-                word = "no stamp (0)"
-            elif stamp_ns >= _CLOCK_NS:
-                word = f"the wall clock's stamp, {seconds(stamp_ns):.0f} s"
-            else:
-                word = f"the stamp t = {seconds(stamp_ns):.9g} s"
-            yield NodeFinding(
-                "stamp",
-                f"the answer to {_at(exchange.played)} carries {word}",
-                "copy header.stamp of the state into the command",
-            )
-            return
+def _stamp(t: Transcript) -> str:
+    late = sum(answer.late for _, answer in t.answers)
+    if len(t.answers) > 20 and late > 0.9 * len(t.answers):
+        return "the answers carry the stamp of an earlier state: they come after the next one"
+    for played, answer in t.answers:
+        stamp_ns = answer.command.stamp_ns
+        if stamp_ns == played.stamp_ns:
+            continue
+        word = f"the stamp t = {seconds(stamp_ns):.9g} s"
+        if stamp_ns == 0:
+            word = "no stamp (0)"
+        elif stamp_ns >= _CLOCK_NS:
+            word = f"the wall clock's stamp, {seconds(stamp_ns):.0f} s"
+        return f"the answer to {_at(played)} carries {word}"
+    return ""
 
 
-def _joint(t: Transcript) -> Iterator[NodeFinding]:
-    for command in t.commands:
+def _joint(t: Transcript) -> str:
+    for _, (_, command, _) in t.answers:
         if t.effort(command) is None:
-            yield NodeFinding(
-                "joint",
-                f"the names are {quoted_names(command.name)}, with {len(command.effort)} values of effort",
-                f"name = [{t.joint!r}], effort = [torque in N m]",
-            )
-            return
+            names, count = quoted_names(command.name), len(command.effort)
+            return f"the names are {names}, with {count} values of effort"
+    return ""
 
 
-def _finite(t: Transcript) -> Iterator[NodeFinding]:
-    for exchange in t.exchanges:
-        for answer in exchange.answers:
-            effort = t.effort(answer.command)
-            if (
-                effort is not None
-                and not isfinite(effort)
-                and exchange.played.phase in (MOTION, LARGE)
-            ):
-                where = "a large angle" if exchange.played.phase == LARGE else "an ordinary state"
-                yield NodeFinding(
-                    "finite",
-                    f"at {_at(exchange.played)}, {where}, the torque is {effort}",
-                    "limit it, and check it before it is published",
-                )
-                return
+def _finite(t: Transcript) -> str:
+    words = {MOTION: "an ordinary state", LARGE: "a large angle"}
+    for played, answer in t.answers:
+        effort = t.effort(answer.command)
+        if effort is not None and not isfinite(effort) and played.phase in words:
+            return f"at {_at(played)}, {words[played.phase]}, the torque is {effort}"
+    return ""
 
 
-def _limits(t: Transcript) -> Iterator[NodeFinding]:
-    if t.limit is None:
-        return
-    for exchange in t.exchanges:
-        for answer in exchange.answers:
-            effort = t.effort(answer.command)
-            if effort is not None and isfinite(effort) and abs(effort) > t.limit:
-                yield NodeFinding(
-                    "limits",
-                    f"at {_at(exchange.played)} the torque is {effort:.6g} N m, beyond +-{t.limit:g} N m",
-                    "clamp the command",
-                )
-                return
+def _limits(t: Transcript) -> str:
+    limit = inf if t.limit is None else t.limit
+    for played, answer in t.answers:
+        effort = t.effort(answer.command)
+        if effort is not None and isfinite(effort) and abs(effort) > limit:
+            return f"at {_at(played)} the torque is {effort:.6g} N m, beyond +-{limit:g} N m"
+    return ""
 
 
-def _rest(t: Transcript) -> Iterator[NodeFinding]:
-    for effort in t.efforts(False, [REST]):
+def _rest(t: Transcript) -> str:
+    for _, effort in t.efforts(False, REST):
         if effort is not None and not isfinite(effort):
-            yield NodeFinding(
-                "rest",
-                f"at angle, rate and error 0 the torque is {effort}",
-                "divide by nothing that can be 0",
+            return f"at angle, rate and error 0 the torque is {effort}"
+    return ""
+
+
+def _gap(t: Transcript) -> str:
+    after = [e for e in t.exchanges if e.played.phase == GAP]
+    silent = [e for e in after if not e.answers]
+    if silent and t.answers:
+        return f"after 20 states were lost, {len(silent)} of {len(after)} states have no answer"
+    if any(effort is not None and not isfinite(effort) for _, effort in t.efforts(False, GAP)):
+        return "after 20 states were lost the torque is not finite"
+    return ""
+
+
+def _repeat(t: Transcript) -> str:
+    for (_, first), (played, second) in pairwise(t.efforts(False, GAP, REPEAT)):
+        if played.phase == REPEAT and _differ(first, second):
+            return f"the same state a second time gives {second:.6g} N m, not {first:.6g} N m"
+    return ""
+
+
+def _silence(t: Transcript) -> str:
+    for played, answers in t.exchanges:
+        fresh = any(answer.command.stamp_ns != played.stamp_ns for answer in answers)
+        if played.phase == SILENCE and fresh and len(answers) > 2:
+            return f"{len(answers)} commands came in 0.5 s without a state, with stamps of no state"
+    return ""
+
+
+def _reset(t: Transcript) -> str:
+    second = [e for e in t.exchanges if e.played.again]
+    silent = [e for e in second if not e.answers]
+    if not silent or not t.answers:
+        return ""
+    return f"after time went back to 0, {len(silent)} of {len(second)} states have no answer"
+
+
+def _bits(t: Transcript) -> str:
+    pairs = zip(t.efforts(False, *_TWICE), t.efforts(True, *_TWICE), strict=False)
+    for (_, first), (played, second) in pairs:
+        if _differ(first, second):
+            return (
+                f"the same states a second time, from t = 0 on, give {second!r} N m at {_at(played)}, "
+                f"not {first!r} N m"
             )
-            return
+    return ""
 
 
-def _gap(t: Transcript) -> Iterator[NodeFinding]:
-    after = [exchange for exchange in t.exchanges if exchange.played.phase == GAP]
-    silent = [exchange for exchange in after if not exchange.answers]
-    values = [value for value in t.efforts(False, [GAP]) if value is not None]
-    if silent and any(exchange.answers for exchange in t.exchanges):
-        yield NodeFinding(
-            "gap",
-            f"after 20 states were lost, {len(silent)} of {len(after)} states have no answer",
-            "go on with the next state, whatever its stamp",
-        )
-    elif any(not isfinite(value) for value in values):
-        yield NodeFinding(
-            "gap", "after 20 states were lost the torque is not finite", "take dt from the stamps"
-        )
+def _differ(first: float | None, second: float | None) -> bool:
+    """Return True for two finite torques that are not equal."""
+    both = first is not None and second is not None and isfinite(first) and isfinite(second)
+    return both and first != second
 
 
-def _repeat(t: Transcript) -> Iterator[NodeFinding]:
-    before: Exchange | None = None
-    for exchange in t.exchanges:
-        if (
-            exchange.played.phase == REPEAT
-            and before is not None
-            and exchange.answers
-            and before.answers
-        ):
-            first, second = (t.effort(x.answers[0].command) for x in (before, exchange))
-            if first is None or second is None or not (isfinite(first) and isfinite(second)):
-                before = exchange
-                continue
-            if first != second:
-                yield NodeFinding(
-                    "repeat",
-                    f"the same state a second time gives {second:.6g} N m, not {first:.6g} N m",
-                    "ignore a state whose stamp is not newer: a link may deliver it twice",
-                )
-        before = exchange
-
-
-def _silence(t: Transcript) -> Iterator[NodeFinding]:
-    for exchange in t.exchanges:
-        if exchange.played.phase != SILENCE:
-            continue
-        fresh = [a for a in exchange.answers if a.command.stamp_ns != exchange.played.stamp_ns]
-        if fresh and len(exchange.answers) > 2:
-            yield NodeFinding(
-                "silence",
-                f"{len(exchange.answers)} commands came in 0.5 s without a state, with stamps of no state",
-                "command only in answer to a state: what is older than command_timeout must not act",
-            )
-
-
-def _reset(t: Transcript) -> Iterator[NodeFinding]:
-    second = [exchange for exchange in t.exchanges if exchange.played.again]
-    silent = [exchange for exchange in second if not exchange.answers]
-    if silent and any(exchange.answers for exchange in t.exchanges):
-        yield NodeFinding(
-            "reset",
-            f"after time went back to 0, {len(silent)} of {len(second)} states have no answer",
-            "start anew when a stamp goes back: the simulator was restarted",
-        )
-
-
-def _bits(t: Transcript) -> Iterator[NodeFinding]:
-    phases = (MOTION, REST, LARGE)
-    played = [exchange.played for exchange in t.exchanges if exchange.played.again]
-    pairs = zip(t.efforts(False, phases), t.efforts(True, phases), played, strict=False)
-    for first, second, state in pairs:
-        if first is None or second is None or not (isfinite(first) and isfinite(second)):
-            continue
-        if first != second:
-            yield NodeFinding(
-                "bits",
-                f"the same states a second time, from t = 0 on, give {second!r} N m at {_at(state)}, "
-                f"not {first!r} N m",
-                "clear the memory when a stamp goes back, or offer ~/reset (std_srvs/Trigger); no clock, "
-                "no randomness",
-            )
-            return
-
-
-def _latency(t: Transcript) -> Iterator[NodeFinding]:
+def _latency(t: Transcript) -> str:
     times = t.latencies_s
     period_s = (t.exchanges[1].played.stamp_ns - t.exchanges[0].played.stamp_ns) / NANOSECONDS
-    if times and times[len(times) // 2] > period_s:
-        yield NodeFinding(
-            "latency",
-            f"half of the answers take longer than {1e3 * times[len(times) // 2]:.3g} ms, and a period is "
-            f"{1e3 * period_s:.3g} ms",
-            "answer in the callback, without a timer or a queue",
-        )
+    half_s = times[len(times) // 2] if times else 0.0
+    if half_s <= period_s:
+        return ""
+    return (
+        f"half of the answers take longer than {1e3 * half_s:.3g} ms, and a period is "
+        f"{1e3 * period_s:.3g} ms"
+    )
 
 
 CHECKS = (
-    NodeCheck("answers", "every state has an answer", _answers),
-    NodeCheck("once", "no state has two", _once),
-    NodeCheck("stamp", "a command carries the stamp of the state that it answers", _stamp),
-    NodeCheck("joint", "it names the joint, once, with an effort", _joint),
-    NodeCheck("finite", "the torque is a finite number, also at large angles", _finite),
-    NodeCheck("limits", "it is within the limit that --limit gives", _limits),
-    NodeCheck("rest", "angle, rate and error 0 are an ordinary state", _rest),
-    NodeCheck("gap", "it goes on after lost states", _gap),
-    NodeCheck("repeat", "a state that comes twice changes nothing", _repeat),
-    NodeCheck("silence", "without states it gives no new commands", _silence),
-    NodeCheck("reset", "it goes on when time goes back to 0", _reset),
-    NodeCheck("bits", "the same states give the same bits", _bits),
-    NodeCheck("latency", "it answers within a period", _latency),
+    NodeCheck(
+        "answers",
+        "every state has an answer",
+        "publish one command in the callback of joint_states, for each state",
+        _answers,
+    ),
+    NodeCheck("once", "no state has two", "publish in one place only, and subscribe once", _once),
+    NodeCheck(
+        "stamp",
+        "a command carries the stamp of the state that it answers",
+        "copy header.stamp of the state that is being answered",
+        _stamp,
+    ),
+    NodeCheck(
+        "joint",
+        "it names the joint, once, with an effort",
+        "give name = [the joint], effort = [torque in N m]",
+        _joint,
+    ),
+    NodeCheck(
+        "finite",
+        "the torque is a finite number, also at large angles",
+        "limit it, and check it before it is published",
+        _finite,
+    ),
+    NodeCheck("limits", "it is within the limit that --limit gives", "clamp the command", _limits),
+    NodeCheck(
+        "rest",
+        "angle, rate and error 0 are an ordinary state",
+        "divide by nothing that can be 0",
+        _rest,
+    ),
+    NodeCheck(
+        "gap",
+        "it goes on after lost states",
+        "go on with the next state, whatever its stamp, and take dt from the stamps",
+        _gap,
+    ),
+    NodeCheck(
+        "repeat",
+        "a state that comes twice changes nothing",
+        "ignore a state whose stamp is not newer: a link may deliver it twice",
+        _repeat,
+    ),
+    NodeCheck(
+        "silence",
+        "without states it gives no new commands",
+        "command only in answer to a state: what is older than command_timeout must not act",
+        _silence,
+    ),
+    NodeCheck(
+        "reset",
+        "it goes on when time goes back to 0",
+        "start anew when a stamp goes back: the simulator was restarted",
+        _reset,
+    ),
+    NodeCheck(
+        "bits",
+        "the same states give the same bits",
+        "clear the memory when a stamp goes back, or offer ~/reset (std_srvs/Trigger); no clock, no "
+        "randomness",
+        _bits,
+    ),
+    NodeCheck(
+        "latency",
+        "it answers within a period",
+        "answer in the callback, without a timer or a queue",
+        _latency,
+    ),
 )

@@ -4,26 +4,22 @@ from __future__ import annotations
 
 import ipaddress
 import os
-import subprocess
 import sys
 import time
 import webbrowser
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from importlib.util import find_spec
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from ..errors import GatewayError, NotInstalledError, PlanError
+from ..errors import PlanError
 from ..gateway.access import origin_of
 from ..gateway.process import LOOPBACK, GatewayProcess
 from ..runs.processes import Interrupt
 from .document import write_json
 
 _LOOK_S = 0.05
-_ENDS_S = 5.0
 
 
 def page_options(function: Any) -> Any:
@@ -88,7 +84,6 @@ def show_address(
     gateway: GatewayProcess,
     browser: bool,
     recording: Path | None,
-    foxglove: str | None = None,
     controls: bool = True,
     as_json: bool = False,
 ) -> None:
@@ -98,18 +93,11 @@ def show_address(
     if as_json:
         write_json(
             "page-1",
-            {
-                "address": address,
-                "watch_address": watch,
-                "foxglove": foxglove,
-                "recording": recording,
-            },
+            {"address": address, "watch_address": watch, "recording": recording},
         )
     click.echo(f"page: {address}")
     if controls:
         click.echo(f"to watch only: {watch}")
-    if foxglove is not None:
-        click.echo(f"Foxglove, Lichtblick: open connection {foxglove}")
     if browser and (sys.platform == "darwin" or _has_screen()):
         webbrowser.open(address)  # without a screen, a text browser would take over the terminal
 
@@ -121,47 +109,9 @@ def serve(
 ) -> None:
     """Keep the gateway up until it is interrupted, or until a word from it is ``over``."""
     while not interrupt.name:
-        if any(over(word) for word in gateway.turn()):
+        if any(over(word) for word in gateway.words()):
             return
         time.sleep(_LOOK_S)
-
-
-@contextmanager
-def serving_foxglove(port: int | None, namespace: str, logs: Path) -> Iterator[str | None]:
-    """Serve a graph to Foxglove from a separate process, and yield the address; port None: no process.
-
-    Raises NotInstalledError, and GatewayError where the port is taken.
-    """
-    if port is None:
-        yield None
-        return
-    if find_spec("foxglove") is None:
-        raise NotInstalledError(
-            "--foxglove needs foxglove-sdk: pip install -r requirements/foxglove.txt"
-        )
-    log = logs / "foxglove.log"
-    with log.open("wb") as output:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "trunk_experiments.gateway.foxglove_node", namespace, str(port)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=output,
-            start_new_session=True,
-        )
-    with process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        served = process.stdout.readline().decode().strip()
-        if not served:
-            why = log.read_text("utf-8", "replace").strip().splitlines()[-1:]
-            raise GatewayError(f"--foxglove {port}: {''.join(why) or 'it could not be started'}")
-        try:
-            yield f"ws://{LOOPBACK}:{served}"
-        finally:
-            process.stdin.close()
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(_ENDS_S)
-            process.kill()
 
 
 def _has_screen() -> bool:

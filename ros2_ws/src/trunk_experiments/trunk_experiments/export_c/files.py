@@ -1,4 +1,4 @@
-"""The files of an exported controller by their names: header, source, replay, and those of its targets."""
+"""The files of an exported controller by their names: header, source, replay, CMakeLists.txt."""
 
 from __future__ import annotations
 
@@ -6,11 +6,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
 from importlib.metadata import version
-from math import inf, isfinite
+from math import inf
 from string import Template
-from typing import Any
-
-import yaml
 
 from trunk_msgs_util.parameters.declarations import Declaration, declarations
 from trunk_msgs_util.provenance import ARITHMETIC
@@ -35,7 +32,6 @@ FAULTS = {
 }
 _STAMPS = """ Stamps are ns from 0 up, in 64 bits. At one before the last update's, or more than
  * {} ns after the last state's, it starts afresh: integral and past are gone, `restarted` is true."""
-_IN_ARDUINO = 200  # rows, so that they fit into its flash
 ROW_BYTES = 80
 _NAME = re.compile(
     r"""(?! ( assert | complex | ctype | errno | fenv | inttypes | iso646 | limits | locale | math | setjmp
@@ -57,110 +53,15 @@ def check_name(name: str) -> str:
 
 
 def base_files(e: ExportedController, rows: Sequence[ExportedStep]) -> dict[str, bytes]:
-    """Return header, source, replay.c and its states."""
+    """Return header, source, replay.c with its states, and CMakeLists.txt."""
     values = {"row_bytes": ROW_BYTES, "magic": MAGIC, "fill": fill_from_bytes(e)}
     return {
-        **_pair(e),
+        f"{e.name}.h": header(e).encode(),
+        f"{e.name}.c": source(e).encode(),
         "replay.c": filled("replay.c", e, **values).encode(),
         f"{e.name}.states": packed(rows),
+        "CMakeLists.txt": filled("CMakeLists.txt", e).encode(),
     }
-
-
-def _pair(e: ExportedController, folder: str = "") -> dict[str, bytes]:
-    """Return header and source, in a folder."""
-    pair = {"h": header(e), "c": source(e)}
-    return {f"{folder}{e.name}.{suffix}": text.encode() for suffix, text in pair.items()}
-
-
-def cmake_files(e: ExportedController) -> dict[str, bytes]:
-    """Return CMakeLists.txt."""
-    return {"CMakeLists.txt": filled("CMakeLists.txt", e).encode()}
-
-
-def arduino_files(
-    e: ExportedController, rows: Sequence[ExportedStep], origin: str
-) -> dict[str, bytes]:
-    """Return an Arduino library with a sketch that says whether all commands are equal."""
-    rows = rows[:_IN_ARDUINO]
-    library = f"arduino/{e.name}"
-    cells = {name: f"rows[i].{name}" for name in CELLS}
-    values = {"rows": len(rows), "origin": origin, "fill": fill(e, cells, 2)}
-    table = "\n".join(
-        f"    {{{', '.join(map(_cell, (*row.numbers, row.compared)))}}}," for row in rows
-    )
-    texts = {
-        "library.properties": filled("arduino/library.properties", e),
-        "examples/equal/equal.ino": filled("arduino/equal.ino", e, **values),
-        "examples/equal/rows.h": filled("arduino/rows.h", e, rows=len(rows), table=table),
-    }
-    return {
-        **_pair(e, f"{library}/src/"),
-        **{f"{library}/{name}": text.encode() for name, text in texts.items()},
-    }
-
-
-def _cell(number: int | float) -> str:
-    if isinstance(number, bool):
-        return "true" if number else "false"
-    if isinstance(number, int):
-        return f"INT64_C({number})"
-    return f"{number.hex()}L" if isfinite(number) else definition(number)
-
-
-def ros2_control_files(e: ExportedController) -> dict[str, bytes]:
-    """Return a package with a plug-in for ros2_control."""
-    folder, n = f"{e.name}_controller", e.name
-    joints = ['params_.joint + "/position"', 'params_.joint + "/velocity"']
-    hip = ""
-    if e.config.hip is not None:
-        joints += ['params_.hip_joint + "/position"', 'params_.hip_joint + "/velocity"']
-        hip = "".join(
-            f"    reading.hip.{name} = state_interfaces_[{i}].get_value();\n"
-            for i, name in ((2, "position"), (3, "velocity"))
-        )
-    retune = "    return true;\n"
-    if e.leaves:
-        sets = "".join(
-            f"    parameters.{leaf.name} = params_.{leaf.declaration.name};\n" for leaf in e.leaves
-        )
-        retune = f"    {n}_Parameters parameters;\n{sets}    return {n}_retune(&controller_, &parameters);\n"
-    values = {"states": ", ".join(joints), "hip": hip, "retune": retune}
-    files = {"package.xml": "package.xml", "CMakeLists.txt": "CMakeLists.txt"}
-    files |= {f"{folder}.{suffix}": f"controller.{suffix}" for suffix in ("hpp", "cpp")}
-    files |= {f"{folder}.xml": "plugin.xml"}
-    texts = {name: filled(f"ros2_control/{file}", e, **values) for name, file in files.items()}
-    texts[f"{folder}_parameters.yaml"] = _parameters(e)
-    return {
-        **_pair(e, f"{folder}/"),
-        **{f"{folder}/{name}": text.encode() for name, text in texts.items()},
-    }
-
-
-def _parameters(e: ExportedController) -> str:
-    """Return the parameters as generate_parameter_library reads them."""
-    fixed: dict[str, Any] = {"type": "string", "read_only": True}
-    tree = {"joint": fixed | {"default_value": e.config.joint, "description": "The joint"}}
-    if e.config.hip is not None:
-        tree["hip_joint"] = fixed | {
-            "default_value": e.config.hip,
-            "description": "The hip's joint",
-        }
-    for leaf in e.leaves:
-        declared = leaf.declaration
-        *groups, last = declared.name.split(".")
-        place = tree
-        for group in groups:
-            place = place.setdefault(group, {})
-        place[last] = {
-            "type": "double",
-            "default_value": float(e.values[declared.name]),
-            "description": f"{declared.description}{f' [{declared.unit}]' if declared.unit else ''}",
-        }
-        bounds = {"gt_eq<>": declared.minimum, "gt<>": declared.above, "lt_eq<>": declared.maximum}
-        if given := {name: [float(bound)] for name, bound in bounds.items() if bound is not None}:
-            place[last]["validation"] = given
-    dumped: str = yaml.safe_dump({f"{e.name}_controller": tree}, sort_keys=False, width=100)
-    return dumped
 
 
 # Header and source --------------------------------------------------------------------------------------

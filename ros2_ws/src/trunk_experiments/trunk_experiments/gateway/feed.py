@@ -1,19 +1,115 @@
-"""What the gateway shows, whatever it comes from: a running graph, or a recording."""
+"""What the gateway shows, whatever it comes from: texts on a board, and streams of rows. Pure.
+
+A frame of rows is a sequence of little-endian doubles: the number of the stream, the columns of a row, the
+number of the first row, then the rows.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
+from trunk_control.fuzzy import fired_at
+from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.recording.joint_table import Floats
+from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.units import seconds
 
-from .board import Board
-from .rows import StreamRows
-
-if TYPE_CHECKING:
-    from .protocol import Asked
+from .protocol import Asked, words
 
 PLANT = "plant"  # the name of the stream of true states
 PUSHES = "pushes"  # of what was taken from an operator
+PLANT_COLUMNS = ("t", "x", "theta", "x_dot", "theta_dot", "torque")  # s, m, rad, m/s, rad/s, N m
+PUSH_COLUMNS = ("t", "force", "torque")  # s, N, N m
+# Where the four rules that fire begin, and the weights of (row, column), (row, column + 1) ...
+RULE_COLUMNS = ("row", "column", "w00", "w01", "w10", "w11")
+_MOST_ROWS = 4_000  # in one frame
+
+
+class Board:
+    """Pieces of text by kind and name. A reader keeps the version of the last piece that it has read."""
+
+    def __init__(self) -> None:
+        self._version = 0
+        self._pieces: dict[tuple[str, str], tuple[int, str]] = {}
+
+    def put(self, kind: str, name: str = "", **values: object) -> None:
+        """Replace a piece's last version; nothing changes if both are equal."""
+        text = words(kind, **({"name": name} if name else {}), **values)
+        if self._pieces.get((kind, name), (0, ""))[1] != text:
+            self._version += 1
+            self._pieces.pop(
+                (kind, name), None
+            )  # so that the pieces stay in the order of their versions
+            self._pieces[kind, name] = self._version, text
+
+    def after(self, version: int) -> tuple[int, str] | None:
+        """Return the oldest piece newer than a version, and its own version; None if there is none."""
+        if version >= self._version:
+            return None
+        return next(piece for piece in self._pieces.values() if piece[0] > version)
+
+    def texts(self) -> list[str]:
+        """Return the last version of all pieces."""
+        return [text for _, text in self._pieces.values()]
+
+
+class StreamRows:
+    """The last ``kept`` rows of a stream; a reader knows a row by its number since the beginning."""
+
+    def __init__(self, names: Sequence[str], kept: int) -> None:
+        self.names = tuple(names)
+        self.count = 0  # of all rows ever added
+        self._kept = kept
+        # Twice as many as are kept, so that those are always in one piece.
+        self._values: Floats = np.empty((2 * kept, len(self.names)))
+        self._end = 0
+
+    @classmethod
+    def of(cls, names: Sequence[str], values: Floats) -> StreamRows:
+        """Return rows that are all present from the beginning and never dropped."""
+        rows = cls(names, 0)
+        rows._values = np.ascontiguousarray(values, np.float64)
+        rows.count = rows._end = rows._kept = len(values)
+        return rows
+
+    @property
+    def oldest(self) -> int:
+        """The number of the oldest row that is still there."""
+        return self.count - min(self._end, self._kept)
+
+    def add(self, row: Sequence[float]) -> None:
+        """Add a row, one number for each name; the oldest is dropped."""
+        if self._end == len(self._values):
+            self._values[: self._kept] = self._values[self._end - self._kept :]
+            self._end = self._kept
+        self._values[self._end] = row
+        self._end += 1
+        self.count += 1
+
+    def last(self) -> dict[str, float]:
+        """Return the newest row by name; empty where there is none."""
+        if not self.count:
+            return {}
+        return dict(zip(self.names, self._values[self._end - 1].tolist(), strict=True))
+
+    def since(self, number: int, most: int) -> tuple[int, Floats]:
+        """Return the first row's number and up to ``most`` rows, from this number or the oldest on."""
+        first = max(number, self.oldest)
+        begin = self._end - (self.count - first)
+        return first, self._values[begin : min(begin + most, self._end)]
+
+
+def frame(stream: int, rows: StreamRows, number: int) -> tuple[bytes, int]:
+    """Return the frame of a stream's next rows, and the number after the last of them; none: empty."""
+    first, values = rows.since(number, _MOST_ROWS)
+    if not len(values):
+        return b"", first
+    head = np.array([stream, values.shape[1], first], np.float64)
+    return head.astype("<f8").tobytes() + values.astype("<f8").tobytes(), first + len(values)
 
 
 class RefusedRequestError(TrunkError):
@@ -50,3 +146,38 @@ def put_stream(board: Board, streams: list[Stream], name: str, rows: StreamRows)
     """Open a stream, and announce it."""
     board.put("stream", name, stream=len(streams), columns=list(rows.names))
     streams.append(Stream(name, rows))
+
+
+def columns_of(name: str, said: Sequence[str], config: Any) -> tuple[str, ...]:
+    """Return the columns of a stream; ``said``: the names in its messages, ``config``: its node's."""
+    fixed = {PLANT: PLANT_COLUMNS, PUSHES: PUSH_COLUMNS}.get(name)
+    if fixed is not None:
+        return fixed
+    rules = RULE_COLUMNS if isinstance(config, RuleBaseConfig) else ()
+    return ("t", *said, *rules)
+
+
+def row_of(name: str, sample: JointSample) -> tuple[float, ...] | None:
+    """Return a message as a row; None where it is not what the stream carries."""
+    if sample.stamp_ns < 0:
+        return None
+    t = seconds(sample.stamp_ns)
+    position, velocity, effort = sample.position, sample.velocity, sample.effort
+    if name == PLANT:
+        if not len(position) == len(velocity) == len(effort) == 2:
+            return None
+        return t, *position, *velocity, effort[1]
+    if name == PUSHES:
+        return (t, *effort) if len(effort) == 2 else None
+    return (t, *position) if len(position) == len(sample.name) else None
+
+
+def with_rules(
+    row: tuple[float, ...], said: Sequence[str], config: RuleBaseConfig
+) -> tuple[float, ...]:
+    """Return a controller's row with the rules that fired for it; unchanged if it has no error and rate."""
+    if "error" not in said or "error_rate" not in said:
+        return row
+    error, rate = row[1 + said.index("error")], row[1 + said.index("error_rate")]
+    fired = fired_at(error, rate, *config.peaks)
+    return (*row, fired[0].row, fired[0].column, *(rule.weight for rule in fired))

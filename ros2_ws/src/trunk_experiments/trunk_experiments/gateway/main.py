@@ -9,14 +9,18 @@ import os
 import signal
 import socket
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from .access import Site, Tokens
 from .feed import Feed
-from .page_files import page_files, report_file
-from .priority import give_way
-from .server import Gateway
+from .server import Gateway, page_files, report_file
+
+# A third of what others get on a busy machine: enough to keep a page alive.
+_NICE = 5
+# Linux shares the processors among sessions first, and only within one by the processes' own priorities.
+_OF_THE_SESSION = Path("/proc/self/autogroup")
 
 
 def main() -> None:
@@ -44,7 +48,6 @@ async def _serve() -> None:
     listening = socket.socket(fileno=os.dup(first["socket"]))
     listening.setblocking(False)
     server.add_socket(listening)
-    _say("serving")
     give_way()  # not before: starting takes a second of processor time
     listens = loop.create_task(_listen(stdin, gateway))
     works = [loop.create_task(gateway.serve()), loop.create_task(feed.begin())]
@@ -82,6 +85,14 @@ async def _listen(stdin: asyncio.StreamReader, gateway: Gateway) -> None:
 def _say(word: str) -> None:
     sys.stdout.write(word + "\n")
     sys.stdout.flush()
+
+
+def give_way() -> None:
+    """Lower the priority of this process, and of its session, which it must not share."""
+    with suppress(OSError):
+        os.nice(_NICE)
+    with suppress(OSError):
+        _OF_THE_SESSION.write_text(str(_NICE), "ascii")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The gateway's process, from the verb's side: start, restart, send, receive, end."""
+"""The gateway's process, from the verb's side: start, send, receive, end."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import os
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -17,15 +16,10 @@ from .access import Tokens
 
 LOOPBACK = "127.0.0.1"
 _ENDS_S = 5.0
-_RESTARTS = 5  # in a row
-_LASTS_S = 10.0  # after running for longer than this, restarts are counted from zero
 
 
 class GatewayProcess:
-    """A process of its own, which can neither slow nor stop a run; it ends when this one does.
-
-    This process keeps the socket and the tokens, so a restarted gateway has the same address.
-    """
+    """A process of its own, which can neither slow nor stop a run; it ends when this one does."""
 
     def __init__(
         self, log: Path, host: str, port: int, shown: Mapping[str, object], url: str = ""
@@ -35,47 +29,47 @@ class GatewayProcess:
         Raises GatewayError where the address cannot be used.
         """
         self._log = log
-        self._socket = _listening(host, port)
-        self.port: int = self._socket.getsockname()[1]
-        self.tokens = Tokens.new()
-        name = f"[{host}]" if ":" in host else host
-        self._url = url or f"http://{name}:{self.port}"
-        self._told: list[str] = [
-            json.dumps(
-                {
-                    **shown,
-                    "tokens": self.tokens,
-                    "socket": self._socket.fileno(),
-                    "url": self._url,
-                }
-            )
-        ]
         self._heard = b""
-        self._restarts = 0
-        self._process = self._start()
+        self.tokens = Tokens.new()
+        with _listening(host, port) as listener, log.open("wb") as output:
+            self.port: int = listener.getsockname()[1]
+            name = f"[{host}]" if ":" in host else host
+            self._url = url or f"http://{name}:{self.port}"
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "trunk_experiments.gateway.main"],
+                bufsize=0,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=output,
+                pass_fds=[listener.fileno()],
+                start_new_session=True,  # Ctrl-C reaches the verb alone
+            )
+            self.tell(**shown, tokens=self.tokens, socket=listener.fileno(), url=self._url)
+        assert self._process.stdout is not None
+        os.set_blocking(self._process.stdout.fileno(), False)
 
     def address(self, token: str) -> str:
         """Return the page's address; browsers neither send nor log what follows ``#``."""
         return f"{self._url}/#{token}"
 
-    def turn(self) -> list[str]:
-        """Return the gateway's messages; start it again if it has ended. Raises GatewayError."""
-        heard = self._hear()
-        if self._process.poll() is not None:
-            if time.monotonic() - self._since_s > _LASTS_S:
-                self._restarts = 0
-            if self._restarts == _RESTARTS:
-                last = self._log.read_text("utf-8", "replace").strip().splitlines()[-1:]
-                raise GatewayError(f"the gateway exits each time it is started: {''.join(last)}")
-            self._restarts += 1
-            self._close_pipes()
-            self._process = self._start()
-        return heard
+    def words(self) -> list[str]:
+        """Return the gateway's messages since the last call. Raises GatewayError where it has ended."""
+        assert self._process.stdout is not None
+        self._heard += self._process.stdout.read() or b""
+        *lines, self._heard = self._heard.split(b"\n")
+        if not lines and self._process.poll() is not None:
+            last = self._log.read_text("utf-8", "replace").strip().splitlines()[-1:]
+            raise GatewayError(
+                f"the page's server has ended{': '.join(['', *last])}: start another, such as by "
+                "trunk live --attach NAMESPACE"
+            )
+        return [line.decode() for line in lines]
 
     def tell(self, **values: object) -> None:
-        """Send these values to the gateway, and to each one that is started later."""
-        self._told.append(json.dumps(values))
-        self._send(self._told[-1])
+        """Send these values to the gateway."""
+        assert self._process.stdin is not None
+        with suppress(OSError):  # it has ended
+            self._process.stdin.write(json.dumps(values).encode() + b"\n")
 
     @property
     def pid(self) -> int:
@@ -84,52 +78,13 @@ class GatewayProcess:
 
     def close(self) -> None:
         """End the gateway."""
-        with suppress(OSError):
-            assert self._process.stdin is not None
-            self._process.stdin.close()  # that ends it
-        try:
-            self._process.wait(_ENDS_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._close_pipes()
-        self._socket.close()
-
-    def _start(self) -> subprocess.Popen[bytes]:
-        with self._log.open("ab") as log:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "trunk_experiments.gateway.main"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                pass_fds=[self._socket.fileno()],
-                start_new_session=True,  # Ctrl-C reaches the verb alone
-            )
-        assert process.stdout is not None
-        os.set_blocking(process.stdout.fileno(), False)
-        self._process, self._heard, self._since_s = process, b"", time.monotonic()
-        for line in self._told:
-            self._send(line)
-        return process
-
-    def _send(self, line: str) -> None:
-        with suppress(OSError):  # it has ended: the next one is told
-            assert self._process.stdin is not None
-            self._process.stdin.write(line.encode() + b"\n")
-            self._process.stdin.flush()
-
-    def _hear(self) -> list[str]:
-        assert self._process.stdout is not None
-        with suppress(OSError):
-            self._heard += self._process.stdout.read() or b""
-        *lines, self._heard = self._heard.split(b"\n")
-        return [line.decode() for line in lines]
-
-    def _close_pipes(self) -> None:
-        for pipe in (self._process.stdin, self._process.stdout):
-            with suppress(OSError):
-                assert pipe is not None
-                pipe.close()
+        with self._process as process:
+            assert process.stdin is not None
+            process.stdin.close()  # that ends it
+            try:
+                process.wait(_ENDS_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
 
 
 def _listening(host: str, port: int) -> socket.socket:

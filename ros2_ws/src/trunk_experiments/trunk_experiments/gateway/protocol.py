@@ -1,8 +1,4 @@
-"""Messages between page and gateway: JSON for words, binary for rows. Pure.
-
-A frame of rows is a sequence of little-endian doubles: the number of the stream, the columns of a row, the
-number of the first row, then the rows.
-"""
+"""Messages between page and gateway: JSON. Pure."""
 
 from __future__ import annotations
 
@@ -10,19 +6,14 @@ import json
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from trunk_msgs_util.errors import TrunkError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from .rows import StreamRows
-
 NAME = "trunk.live.1"  # the WebSocket's subprotocol
 LONGEST = 65_536  # bytes of a message from a page
 ENDED = 4000  # closes a WebSocket whose server will not come back
-MOST_ROWS = 4_000  # in one frame
 
 
 class BadMessageError(TrunkError, ValueError):
@@ -87,15 +78,6 @@ def _value(kind: str, name: str, wanted: type, value: object) -> object:
 
 def _no_number(text: str) -> float:
     raise ValueError(text)
-
-
-def frame(stream: int, rows: StreamRows, number: int) -> tuple[bytes, int]:
-    """Return the frame of a stream's next rows, and the number after the last of them; none: empty."""
-    first, values = rows.since(number, MOST_ROWS)
-    if not len(values):
-        return b"", first
-    head = np.array([stream, values.shape[1], first], np.float64)
-    return head.astype("<f8").tobytes() + values.astype("<f8").tobytes(), first + len(values)
 
 
 def words(kind: str, **values: object) -> str:

@@ -13,12 +13,19 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.units import NANOSECONDS
 
 from ..recorded.run import RecordedRun
-from .board import Board
-from .feed import PLANT, PUSHES, RefusedRequestError, Stream, put_stream
+from .feed import (
+    PLANT,
+    PUSHES,
+    Board,
+    RefusedRequestError,
+    Stream,
+    StreamRows,
+    columns_of,
+    put_stream,
+    with_rules,
+)
 from .graph import Graph
 from .protocol import plain
-from .rows import StreamRows
-from .streams import columns_of, with_rules
 
 if TYPE_CHECKING:
     from pathlib import Path

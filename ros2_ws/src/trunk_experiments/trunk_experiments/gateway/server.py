@@ -1,23 +1,28 @@
-"""The gateway's server: the page's files, and one WebSocket for each page."""
+"""The gateway's server: the page's files, and one WebSocket for each page; all else is refused."""
 
 from __future__ import annotations
 
 import asyncio
 import secrets
 import time
-from collections import Counter
+from asyncio import Future
+from collections import Counter, deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from tornado.httpserver import HTTPServer
-from tornado.web import Application
+from tornado.web import Application, HTTPError, RequestHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from .access import Site, Tokens
-from .clients import Client
-from .feed import Feed, RefusedRequestError
-from .handlers import PagePart, PageSocket
-from .page_files import PageFile
-from .protocol import ENDED, LONGEST, UNANSWERED, Asked, BadMessageError, asked
+from ..parts.inline import part
+from ..parts.page import STYLES, page, scripts
+from .access import MOST_CLIENTS, Rate, Site, Tokens
+from .feed import Feed, RefusedRequestError, frame
+from .protocol import ENDED, LONGEST, NAME, UNANSWERED, Asked, BadMessageError, asked, words
 
 _TURN_S = 1.0 / 60.0
 _PING_S = 20.0
@@ -25,6 +30,117 @@ _BODY_S = 5.0
 _UNIQUE = secrets.token_hex(3)  # several gateways may serve one graph
 _UNFINISHED = 8  # requests of a client
 _READ = 2**21  # bytes of a message, so that one that is too long is counted
+_MESSAGES_A_SECOND = 300.0
+_TOO_MANY = 1_000  # messages beyond the rate, after which a page is disconnected
+_ANSWERS = 64  # that wait for a slow page; older ones are dropped
+_FOR_CONTROL = 4  # places reserved for pages that may control
+_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+_OWN = ("wire.js", "health.js", "live.js")
+_SCRIPTS = scripts(feed=["wire.js"], own=["health.js", "live.js"])
+_KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+}
+
+
+class PageFile(NamedTuple):
+    """A file's type and content."""
+
+    kind: str
+    data: bytes
+
+
+def page_files() -> dict[str, PageFile]:
+    """Return the page's files by path."""
+    own = files(__package__) / "page"
+    html = page(
+        "Trunk, live",
+        "\n".join(f'<link rel="stylesheet" href="{_path(name)}">' for name in STYLES),
+        "\n".join(f'<script src="{_path(name)}"></script>' for name in _SCRIPTS),
+    )
+    texts = {
+        name: (own / name).read_text(encoding="utf-8") if name in _OWN else part(name)
+        for name in (*STYLES, *_SCRIPTS)
+    }
+    return {
+        "/": PageFile(_KINDS[".html"], html.encode()),
+        **{
+            _path(name): PageFile(_KINDS[Path(name).suffix], text.encode())
+            for name, text in texts.items()
+        },
+    }
+
+
+def _path(name: str) -> str:
+    return f"/{Path(name).name}"
+
+
+def report_file(path: Path) -> PageFile:
+    """Return a report for the page to open. Raises OSError."""
+    return PageFile(_KINDS[".html"], path.read_bytes())
+
+
+class Client:
+    """One page. It gets the next message when it has taken the last one, so that nothing queues for it."""
+
+    def __init__(self, name: str, socket: WebSocketHandler, controls: bool) -> None:
+        self.name = name
+        self.controls = controls
+        self.rate = Rate(_MESSAGES_A_SECOND, time.monotonic)
+        self._socket = socket
+        self._sent: Future[None] | None = None
+        self._version = 0
+        self._rows: dict[int, int] = {}  # stream -> the number of the next row
+        hello = words("hello", client=name, control=controls)
+        self._answers = deque([hello], maxlen=_ANSWERS)
+        self._ignored = 0
+        self.unfinished = 0  # of its requests
+
+    def answer(self, number: int, ok: bool, text: str) -> None:
+        """Queue the answer to one of its messages, for its next turn."""
+        self._answers.append(words("answer", number=number, ok=ok, text=text))
+
+    def too_many(self) -> None:
+        """Disconnect a page that keeps sending more than a page of ours does."""
+        self._ignored += 1
+        if self._ignored > _TOO_MANY:
+            self.send_away("too many messages")
+
+    def send_away(self, why: str, code: int = 1008) -> None:
+        """End its connection."""
+        self._socket.close(code, why)
+
+    def turn(self, feed: Feed) -> None:
+        """Send what is new, unless the page has not taken the last message yet."""
+        if self._sent is not None and not self._sent.done():
+            return
+        while self._answers:
+            self._send(self._answers.popleft())
+        while (piece := feed.board.after(self._version)) is not None:
+            self._version, text = piece
+            self._send(text)
+        for number, stream in enumerate(feed.streams):
+            data, after = frame(number, stream.rows, self._rows.get(number, 0))
+            if data:
+                self._rows[number] = after
+                self._send(data)
+
+    def _send(self, data: str | bytes) -> None:
+        with suppress(WebSocketClosedError):
+            self._sent = self._socket.write_message(data, binary=isinstance(data, bytes))
+            # It may fail as the page leaves; its exception has to be looked at.
+            self._sent.add_done_callback(lambda sent: sent.cancelled() or sent.exception())
 
 
 @dataclass
@@ -45,7 +161,7 @@ class Gateway:
     _over: bool = False
     _last_words: str = ""
     _said: str = ""  # of the pages that may still want the report
-    _named: int = 0
+    named: int = 0  # clients, ever
     _operator_s: float = 0.0
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
@@ -127,20 +243,11 @@ class Gateway:
         for client in list(self.clients):
             client.turn(self.feed)
 
-    def joined(self, client: Client) -> None:
-        """Serve a client from now on."""
-        self.clients.add(client)
-
     def left(self, client: Client) -> None:
         """Forget a client; if it was the operator, another one may push."""
         self.clients.discard(client)
         if self.operator == client.name:
             self.operator = ""
-
-    def next_name(self) -> str:
-        """Return a name for a client, new each time."""
-        self._named += 1
-        return f"live{_UNIQUE}-{self._named}"
 
     def take(self, client: Client, text: str | bytes) -> None:
         """Take a client's message, and answer it when what it asks for is done."""
@@ -205,3 +312,95 @@ class Gateway:
             raise RefusedRequestError("somebody else is pushing")
         idle = request.values["force"] == 0.0 and request.values["torque"] == 0.0
         self._operator_s, self.operator = now, "" if idle else client.name
+
+
+class _Checked(RequestHandler):
+    """Answers a request only if it is addressed to our site."""
+
+    gateway: Gateway
+
+    def initialize(self, gateway: Gateway) -> None:
+        self.gateway = gateway
+
+    def set_default_headers(self) -> None:
+        self.clear_header("Server")
+        for name, value in _HEADERS.items():
+            self.set_header(name, value)
+
+    def prepare(self) -> None:
+        if not self.gateway.site.known(self.request.headers.get("Host", "")):
+            self.gateway.refuse("requests to another host")
+            raise HTTPError(403)
+
+    def write_error(self, status_code: int, **_: Any) -> None:
+        self.set_header("Content-Type", "text/plain")
+        self.finish(f"{status_code}\n")
+
+
+class PagePart(_Checked):
+    """The page's files, each by its one path, and nothing else."""
+
+    async def get(self, path: str = "") -> None:
+        """Answer with a file of the page."""
+        file = self.gateway.files.get(path)
+        if file is None:
+            self.gateway.refuse("paths that do not exist")
+            raise HTTPError(404)
+        self.set_header("Content-Type", file.kind)
+        report = path.startswith("/report-")
+        self.gateway.reports += report
+        if report:  # it brings its own policy, and lets nothing in or out
+            self.set_header("Content-Security-Policy", "frame-ancestors 'none'")
+        try:
+            await self.finish(file.data)
+        finally:  # also where the page was closed meanwhile
+            self.gateway.reports -= report
+
+
+class PageSocket(_Checked, WebSocketHandler):
+    """A page's connection."""
+
+    client: Client | None = None
+
+    def check_origin(self, origin: str) -> bool:
+        """Return True for our page."""
+        return self.gateway.site.same(origin)
+
+    async def get(self, *args: Any, **kwargs: Any) -> None:
+        """Admit a page that knows a token."""
+        gateway = self.gateway
+        if not gateway.site.same(self.request.headers.get("Origin")):
+            gateway.refuse("pages of another origin")
+            raise HTTPError(403)
+        offered = self.request.headers.get("Sec-WebSocket-Protocol", "").replace(" ", "").split(",")
+        self.may = gateway.tokens.may(offered)
+        if not self.may:
+            gateway.refuse("connections without the token")
+            raise HTTPError(403)
+        most = MOST_CLIENTS - (0 if self.may == "control" else _FOR_CONTROL)
+        if len(gateway.clients) >= most:
+            gateway.refuse("connections beyond the limit")
+            raise HTTPError(503)
+        await super().get(*args, **kwargs)
+
+    def select_subprotocol(self, subprotocols: list[str]) -> str | None:
+        """Return ours; the token is not repeated."""
+        return NAME if NAME in subprotocols else None
+
+    def open(self, *args: str, **kwargs: str) -> None:
+        """Greet the page."""
+        self.set_nodelay(True)
+        self.gateway.named += 1
+        name = f"live{_UNIQUE}-{self.gateway.named}"
+        self.client = Client(name, self, self.may == "control")
+        self.gateway.clients.add(self.client)
+
+    def on_message(self, message: str | bytes) -> None:
+        """Take a message from the page."""
+        if self.client is not None:
+            self.gateway.take(self.client, message)
+
+    def on_close(self) -> None:
+        """Forget the page."""
+        if self.client is not None:
+            self.gateway.left(self.client)

@@ -22,7 +22,7 @@ from trunk_sim.simulation import TOO_FAR, UNSTABLE
 
 from ..analysis.metrics import QUANTITIES
 from ..errors import PlanError
-from ..gateway.board import Board
+from ..gateway.feed import Board
 from ..gateway.graph import Graph
 from ..gateway.protocol import plain
 from ..parts.inline import inline, part, script_sources

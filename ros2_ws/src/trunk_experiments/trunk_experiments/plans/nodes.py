@@ -19,10 +19,11 @@ OTHERS = ("simulator", "disturbance", "reference", "recorder", "markers")
 
 @dataclass(frozen=True)
 class NodeKind:
-    """Where a node's executable is, and what it declares. Node and executable share their name."""
+    """Where a node's executable is, what it declares, its class. Node and executable share their name."""
 
     package: str
     config: type[Any]
+    node: str = "trunk_control.controller_node:ControllerNode"
 
 
 def _usable() -> tuple[dict[str, NodeKind], dict[str, str]]:
@@ -43,11 +44,17 @@ def _usable() -> tuple[dict[str, NodeKind], dict[str, str]]:
 _CONTROLLERS, UNUSABLE = _usable()
 CONTROLLERS = tuple(_CONTROLLERS)
 NODES: dict[str, NodeKind] = {
-    "simulator": NodeKind("trunk_sim", SimulatorConfig),
-    "disturbance": NodeKind("trunk_sim", DisturbanceConfig),
-    "reference": NodeKind("trunk_control", ReferenceConfig),
+    "simulator": NodeKind("trunk_sim", SimulatorConfig, "trunk_sim.simulator_node:SimulatorNode"),
+    "disturbance": NodeKind(
+        "trunk_sim", DisturbanceConfig, "trunk_sim.disturbance_node:DisturbanceNode"
+    ),
+    "reference": NodeKind(
+        "trunk_control", ReferenceConfig, "trunk_control.reference_node:ReferenceNode"
+    ),
     **_CONTROLLERS,
-    "recorder": NodeKind("trunk_msgs_util", RecorderConfig),
+    "recorder": NodeKind(
+        "trunk_msgs_util", RecorderConfig, "trunk_msgs_util.node.recorder_node:RecorderNode"
+    ),
 }
 
 

@@ -14,23 +14,12 @@ from trunk_msgs_util.node.run import run_nodes
 
 from ..plans.nodes import CONTROLLERS, NODES
 
-_CLASSES = {
-    "recorder": ("trunk_msgs_util.node.recorder_node", "RecorderNode"),
-    "reference": ("trunk_control.reference_node", "ReferenceNode"),
-    "disturbance": ("trunk_sim.disturbance_node", "DisturbanceNode"),
-    "simulator": ("trunk_sim.simulator_node", "SimulatorNode"),
-}
-
 
 def node_maker(name: str) -> Callable[[], TrunkNode[Any]]:
     """Return each node's factory, by name."""
-    if name in CONTROLLERS:
-        return partial(
-            import_module("trunk_control.controller_node").ControllerNode, law_named(name)
-        )
-    module, cls = _CLASSES[name]
-    factory: Callable[[], TrunkNode[Any]] = getattr(import_module(module), cls)
-    return factory
+    module, _, cls = NODES[name].node.partition(":")
+    factory: Callable[..., TrunkNode[Any]] = getattr(import_module(module), cls)
+    return partial(factory, law_named(name)) if name in CONTROLLERS else factory
 
 
 def main() -> None:

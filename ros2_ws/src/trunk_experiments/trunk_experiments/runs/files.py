@@ -19,8 +19,7 @@ from trunk_msgs_util.yaml_text import YamlTextError
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 
-# Written by what runs beside the nodes, and before them.
-BESIDE = ("gateway.log", "foxglove.log")
+GATEWAY_LOG = "gateway.log"  # written beside the nodes, and before them
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ class RunFiles:
             plan, recorder=with_values(plan.recorder, output=str(self.recording.absolute()))
         )
         if self.replaces:
-            logs = [log for log in self.logs.glob("*.log") if log.name not in BESIDE]
+            logs = [log for log in self.logs.glob("*.log") if log.name != GATEWAY_LOG]
             for old in (self.recording, self.description, *logs):
                 old.unlink(missing_ok=True)
         plan.write_parameters(self.parameters)

@@ -29,9 +29,9 @@ from ..errors import PlanError, StudyError, SweepError
 from ..plans.plan import RunPlan
 from ..tuning.floquet import floquet, prepared
 from ..views.plots import COLORS, STYLE, line_style, with_unit
-from .results import METRICS, Results
+from .results import Results
 from .rows import plan_of, rows_of
-from .study import Scalar, StudySpec, Variable, design, shown_unit
+from .study import StudySpec, design, shown_unit
 
 if TYPE_CHECKING:
     from .limit import Survival
@@ -57,22 +57,6 @@ class MapPanel:
     draws: int  # of a point, at most
     quiet: Floats  # RMS at the end, deg, mean; infinite where all fell
     growth: Floats | None  # Floquet: the largest multiplier, per second
-
-
-def check_mappable(study: StudySpec, axes: Sequence[str], metric: str) -> None:
-    """Raise StudyError if the study's results will hold no numbers for the axes or the metric."""
-    texts = [v.name for v in study.variables if isinstance(_first(v), str)]
-    for name in (*axes, metric):
-        if name in texts:
-            raise StudyError(f"{study.source}: {name!r} holds no numbers: give another")
-    columns = (*METRICS, *(v.name for v in study.variables))
-    if metric not in columns:
-        raise StudyError(f"{study.source}: no metric {metric!r}: one of {', '.join(columns)}")
-
-
-def _first(v: Variable) -> Scalar | None:
-    values = v.values if v.distribution is None else v.distribution.values
-    return values[0] if values else None
 
 
 def panels(

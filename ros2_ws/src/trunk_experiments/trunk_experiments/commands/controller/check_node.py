@@ -74,45 +74,43 @@ def command(
         if times
         else {}
     )
-    largest = max(
-        (abs(e) for c in transcript.commands if (e := transcript.effort(c)) is not None),
-        default=None,
-    )
+    efforts = [transcript.effort(answer.command) for _, answer in transcript.answers]
+    largest = max((abs(effort) for effort in efforts if effort is not None), default=None)
     if as_json:
         values = {
             "node": sender.name or None,
             "middleware": sender.middleware,
-            "kept": not any(findings for _, findings in checked),
+            "kept": not any(problem for _, problem in checked),
             "states": len(transcript.exchanges),
-            "commands": len(transcript.commands),
+            "commands": len(efforts),
             "latency_ms": {"median": latencies.get("50 %"), "p999": latencies.get("99.9 %")},
             "largest_torque": largest if largest is not None and isfinite(largest) else None,
             "checks": [
                 {
                     "name": check.name,
                     "asserts": check.asserts,
-                    "kept": not findings,
-                    "findings": [{"what": f.problem, "advice": f.advice} for f in findings],
+                    "kept": not problem,
+                    "findings": [{"what": problem, "advice": check.advice}] if problem else [],
                 }
-                for check, findings in checked
+                for check, problem in checked
             ],
         }
         write_json("check-node-1", values)
     else:
-        count = sum(not findings for _, findings in checked)
+        count = sum(not problem for _, problem in checked)
         print_table(
             f"{sender.label} ({sender.middleware}): {count} of {len(checked)} kept",
             ("check", "", "asserts"),
             [
-                (check.name, "NOT KEPT" if findings else "kept", check.asserts)
-                for check, findings in checked
+                (check.name, "NOT KEPT" if problem else "kept", check.asserts)
+                for check, problem in checked
             ],
         )
-        for check, findings in checked:
-            for finding in findings:
-                click.echo(f"{check.name}: {finding.problem}: {finding.advice}")
-        states, commands = len(transcript.exchanges), len(transcript.commands)
+        for check, problem in checked:
+            if problem:
+                click.echo(f"{check.name}: {problem}: {check.advice}")
+        states, commands = len(transcript.exchanges), len(efforts)
         shown = ", ".join(f"{name} {value:.3g} ms" for name, value in latencies.items())
         click.echo(f"{commands} commands for {states} states; latency: {shown or 'not known'}")
-    if any(findings for _, findings in checked):
+    if any(problem for _, problem in checked):
         ctx.exit(EXIT_FAILED)

@@ -44,13 +44,6 @@ from ...recorded.run import RecordedRun
     "--name", help="The name in C, of functions, files and targets; by default CONTROLLER."
 )
 @click.option("--law", "bare", is_flag=True, help="The law's update alone, without rate and turns.")
-@click.option("--cmake", is_flag=True, help="Also a CMakeLists.txt.")
-@click.option(
-    "--ros2-control", "ros2_control", is_flag=True, help="Also a plug-in for ros2_control."
-)
-@click.option(
-    "--arduino", is_flag=True, help="Also an Arduino library, with a sketch that compares."
-)
 @json_option("export-c-1")
 def command(
     controller: str,
@@ -61,9 +54,6 @@ def command(
     like: Path | None,
     name: str | None,
     bare: bool,
-    cmake: bool,
-    ros2_control: bool,
-    arduino: bool,
     as_json: bool,
 ) -> None:
     """Write CONTROLLER with its parameters as C99: every command has the bits that it has in Python.
@@ -71,19 +61,9 @@ def command(
     Without --params, --set and --like its parameters are the defaults.
     """
     from ...export_c.controller import ExportedController
-    from ...export_c.files import (
-        arduino_files,
-        base_files,
-        check_name,
-        cmake_files,
-        ros2_control_files,
-    )
+    from ...export_c.files import base_files, check_name
     from ...export_c.replay import bare_rows, recorded_rows, swinging_rows
 
-    if bare and ros2_control:
-        raise PlanError(
-            "--law --ros2-control: the plug-in needs the whole controller: leave out --law"
-        )
     name = check_name(controller if name is None else name)
     check_folder(output, force)
     run = None if like is None else open_run(like)
@@ -97,11 +77,7 @@ def command(
     if bare:
         rows = bare_rows(exported, rows)
     origin = "CPython" if run is None or bare else f"{run.path.name}"
-    texts = base_files(exported, rows)
-    texts |= cmake_files(exported) if cmake else {}
-    texts |= ros2_control_files(exported) if ros2_control else {}
-    texts |= arduino_files(exported, rows, origin) if arduino else {}
-    written = _written(output, texts, [*params, *([like] if like else [])])
+    written = _written(output, base_files(exported, rows), [*params, *([like] if like else [])])
     source = output / f"{name}.c"
     words = ["cc", "-std=c99", "-O2", source, output / "replay.c", "-o", output / "replay"]
     compile_command = [str(word) for word in words]

@@ -20,7 +20,9 @@ from ...errors import PlanError
 
 @click.command("fuzzy")
 @click.option(
-    "--controller", type=ControllerName(), help="Whose rules.  [default: whose the files have]"
+    "--controller",
+    type=ControllerName(),
+    help="The controller that has the rules.  [default: the one in the files]",
 )
 @parameter_options
 @output_options("The file: .fis (MATLAB, Octave) or .fll (fuzzylite).", required=True)

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 import click
 
 from ...console.document import json_option, write_json
-from ...console.options import names_or_files, studies
+from ...console.options import results_argument
 from ...console.outputs import check_output, output_options
 from ...console.progress import progress_bar
 from ...errors import PlanError
-from .sweep import ended, run_sweep
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_table import Floats
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @click.command("map")
-@click.argument("source", metavar="STUDY-or-PARQUET", shell_complete=names_or_files(studies))
+@results_argument
 @output_options("The picture: .png, .svg or .pdf.  [default: beside the results, .png]")
 @click.option(
     "--x", "x", metavar="NAME", help="Grid variable on the horizontal axis.  [default: the first]"
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
 @click.option("--no-floquet", is_flag=True, help="Leave out the line of the Floquet multipliers.")
 @json_option("map-1")
 def command(
-    source: str,
+    results: Path,
     output: Path | None,
     force: bool,
     x: str | None,
@@ -54,37 +53,30 @@ def command(
 ) -> None:
     """Draw a sweep's results over two of its grid's variables, one panel per controller; over one, as curves.
 
-    A study that has not been swept is swept first, into STUDY.parquet in the current folder. Grey, or a
-    cross: more than half of the draws fell. Floquet multipliers are those of the loop linearised about the
-    upright trunk, with the hip driven at its initial speed and no torque limit.
+    Grey, or a cross: more than half of the draws fell. Floquet multipliers are those of the loop linearised
+    about the upright trunk, with the hip driven at its initial speed and no torque limit.
     """
     from ...study.map import draw, draw_curves, panels
     from ...study.results import Results
     from ...views.plots import SUFFIXES, save
 
-    path = Path(source)
-    swept = path.suffix == ".parquet"
-    if not swept:
-        path = Path(f"{path.stem}.parquet")
-    target = output or path.with_suffix(".png")
-    check_output(target, tuple(SUFFIXES), force, [source], chooses_format=True)
-    if not swept:
-        click.echo(_sweep(source, path, (x, y), metric), err=as_json)
-    results = Results.read(path)
-    axes = choose_axes(results.grid, x, y, str(path))
+    target = output or results.with_suffix(".png")
+    check_output(target, tuple(SUFFIXES), force, [results], chooses_format=True)
+    read = Results.read(results)
+    axes = choose_axes(read.grid, x, y, str(results))
     with progress_bar("Floquet multipliers") as tell:
-        drawn = panels(results, metric, axes, not no_floquet, tell)
-    title = f"{path.stem}: {len(results.table)} runs"
+        drawn = panels(read, metric, axes, not no_floquet, tell)
+    title = f"{results.stem}: {len(read.table)} runs"
     if len(axes) == 1:
-        picture = draw_curves(drawn, metric, axes[0], results.study, title)
+        picture = draw_curves(drawn, metric, axes[0], read.study, title)
     else:
-        picture = draw(drawn, metric, axes, results.study, title)
+        picture = draw(drawn, metric, axes, read.study, title)
     save(picture, target)
     if as_json:
         values = {
-            "results": path,
+            "results": results,
             "output": target,
-            "runs": len(results.table),
+            "runs": len(read.table),
             "metric": metric,
             "x": axes[0],
             "y": axes[1] if len(axes) > 1 else None,
@@ -93,23 +85,6 @@ def command(
         write_json("map-1", values)
         return
     click.echo(f"{target}: {len(drawn)} controllers over {' and '.join(axes)}")
-
-
-def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metric: str) -> str:
-    """Sweep a study into a file; return a line on how its runs ended.
-
-    Raises PlanError before the first run if it cannot give a map.
-    """
-    from ...study.map import check_mappable
-    from ...study.study import read_study
-    from ...study.sweep import SweepJob
-
-    if path.exists():
-        raise PlanError(f"{path}: it exists: give it in place of {source}, or delete it")
-    study = read_study(source)
-    check_mappable(study, choose_axes([v.name for v in study.grid], *wanted, source), metric)
-    sweep = SweepJob(study, path)
-    return ended(sweep, run_sweep(sweep))
 
 
 def panel_values(panel: MapPanel) -> dict[str, object]:

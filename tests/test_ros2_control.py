@@ -16,7 +16,8 @@ from trunk_msgs_util.parameters.declarations import build, declarations
 from trunk_msgs_util.parameters.files import read, resolve
 from trunk_sim.config import SimulatorConfig
 
-FILES = Path(__file__).parents[1] / "ros2_control"
+ROOT = Path(__file__).parents[1]
+FILES = ROOT / "examples" / "ros2_control"
 URDF = ElementTree.parse(FILES / "trunk.urdf").getroot()
 CONTROLLERS = yaml.safe_load((FILES / "controllers.yaml").read_text(encoding="utf-8"))
 
@@ -71,9 +72,9 @@ def test_our_controllers_accept_another_robots_joint(node, config):
     assert -found.u_clamp_min == found.u_clamp_max
 
 
-@pytest.mark.parametrize("name", sorted(path.name for path in FILES.iterdir()))
+@pytest.mark.parametrize("name", sorted(path.name for path in FILES.iterdir() if path.is_file()))
 def test_each_file_says_what_it_is_and_is_named_in_the_document(name):
     text = (FILES / name).read_text(encoding="utf-8")
-    assert text.startswith(("# ", "<?xml"))
-    document = Path(__file__).parents[4] / "docs" / "ros2_control.md"
+    assert text.startswith(("# ", "<?xml", '"""'))
+    document = ROOT / "docs" / "ros2_control.md"
     assert name in document.read_text(encoding="utf-8")

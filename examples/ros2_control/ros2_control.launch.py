@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -13,7 +12,7 @@ from launch import LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:
-    files = Path(get_package_share_directory("trunk_experiments")) / "ros2_control"
+    files = Path(__file__).parent
     description = {"robot_description": (files / "trunk.urdf").read_text(encoding="utf-8")}
     # Everything uses the plant's clock: a command's stamp is then that of the latest state.
     plant_time = {"use_sim_time": True}
