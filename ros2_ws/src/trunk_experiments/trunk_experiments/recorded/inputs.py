@@ -52,7 +52,7 @@ class RecordedInputs:
     def __init__(self, run: RecordedRun, stamps: Integers) -> None:
         """``stamps``: of the states, ns, ascending. Raises RecordingError for other messages."""
         self.sources: tuple[str, ...] = (NO_SOURCE,)
-        self.recorded = run.real_time or run.count(topics.PLANT_INPUTS) > 0
+        self.recorded = run.real_time or run.another_robot or run.count(topics.PLANT_INPUTS) > 0
         self._stamps = stamps
         self._commands = run.table(topics.EFFORT_COMMAND)
         self._disturbances = run.table(topics.DISTURBANCE)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.joint_table import Integers
 from trunk_msgs_util.units import seconds
 
@@ -118,3 +119,31 @@ def unjudged(run: RecordedRun) -> list[str]:
         )
     lines.append(ORIGIN)
     return lines
+
+
+def robot_obstacles(run: RecordedRun) -> list[str]:
+    """Return why our commands to a robot cannot be recomputed."""
+    lines = []
+    states = run.table(topics.JOINT_STATES).stamp_ns
+    unknown = np.setdiff1d(run.table(topics.EFFORT_COMMAND).stamp_ns, states)
+    if len(unknown):
+        lines.append(
+            f"{len(unknown)} commands answer states that are not recorded: what followed from them is "
+            "not known; start the recorder before the controller"
+        )
+    joints = sorted({run.config(name).joint for name in run.judgeable})
+    if len(joints) > 1:
+        lines.append(f"our controllers command several joints: {', '.join(joints)}")
+    if states.min(initial=0) < 0:
+        lines.append("states before t = 0: their order is not known")
+    return [*lines, *recorder_was_inactive(run)]
+
+
+def recorder_was_inactive(run: RecordedRun) -> list[str]:
+    """Return that the recorder was inactive between two of the recorded messages; empty if it was not."""
+    node, inactive = run.recording.topic("recorder"), False
+    for event in run.events:
+        inactive |= event.node == node and event.message == Event.DEACTIVATED
+        if inactive and event.node == node and event.message == Event.ACTIVATED:
+            return ["the recorder was inactive for a while: what it missed is not known"]
+    return []

@@ -5,7 +5,7 @@
     measurements, memory   -> command and terms  each controller
 
 Each check has a span of its own. A gap, a lost message or a restart spoils the checks that need what is
-missing, and no others.
+missing, and no others. The plant of another robot is not computed.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class RecordedStates:
         )
         self._fell = [e.stamp_ns for e in simulator.events if e.message == Event.FELL]
         self._delay_steps: int = simulator.config.delay_steps
-        period_ns = simulator.config.period_ns
+        self._period_ns = period_ns = simulator.config.period_ns
         stamps = simulator.stamps(self.truth)
         odd = (stamps < 0) | (stamps % period_ns != 0)
         odd[1:] |= np.diff(stamps) <= 0
@@ -110,6 +110,10 @@ class RecordedStates:
         """Return the row of the state with a stamp; None if it is not on record."""
         row = int(np.searchsorted(self.stamps, stamp_ns))
         return row if row < len(self.stamps) and self.stamps[row] == stamp_ns else None
+
+    def index_of(self, stamp_ns: int) -> int:
+        """Return the index of the state with a stamp, on record or not."""
+        return stamp_ns // int(self._period_ns)
 
     def true(self, first: int, stop: int) -> Floats:
         """Return true positions, velocities and efforts of the rows [first, stop): [n, 6]."""
@@ -162,6 +166,42 @@ class RecordedStates:
         return index - int(self.index[begin]) + begin
 
 
+class RobotStates(RecordedStates):
+    """The states that another robot published, in the order of their stamps: its plant is not computed."""
+
+    def __init__(self, run: RecordedRun, controllers: Sequence[ControllerConfig]) -> None:
+        """Take the states as the controllers read them. Raises RecordingError without one of their joints."""
+        self.measured = run.table(topics.JOINT_STATES)
+        self.stamps = np.unique(self.measured.stamp_ns)
+        self.index = np.arange(len(self.stamps))
+        self.spans, self.cut_ns, self._fell = [(0, len(self.stamps))], None, []
+        trunk = controllers[0].joint
+        hip = next((config.hip for config in controllers if config.hip is not None), None)
+        self.joints = "hip" if hip is None else hip, trunk
+        self._places = {1: self.measured.index(trunk)}
+        if hip is not None:
+            self._places[0] = self.measured.index(hip)
+
+    def index_of(self, stamp_ns: int) -> int:
+        """Return how many states come before a stamp."""
+        return int(np.searchsorted(self.stamps, stamp_ns))
+
+    def true(self, first: int, stop: int) -> Floats:
+        """Return zeros [n, 6]: what is not known, and leads to nothing."""
+        return np.zeros((stop - first, 6))
+
+    def measurements(self, stamps: Integers) -> Floats:
+        """Return what our controllers read [n, 6]: 0 where a node goes on without a value."""
+        rows = self.measured.rows_of(stamps)
+        values = np.zeros((len(stamps), 6))
+        for i, quantity in enumerate(QUANTITIES):
+            for joint, place in self._places.items() if self.measured.width(quantity) else ():
+                values[:, 2 * i + joint] = self.measured.values(quantity)[rows, place]
+        values[~np.isfinite(values)] = 0.0
+        values[rows < 0] = np.nan
+        return values
+
+
 def six(table: JointTable, rows: Integers) -> Floats:
     """Return positions, velocities and efforts of two joints [n, 6] in these rows, NaN in row -1."""
     values = np.full((len(rows), 6), np.nan)
@@ -175,21 +215,27 @@ def six(table: JointTable, rows: Integers) -> Floats:
 
 
 class Rerun:
-    """The run of a plant of ours, from its first recorded state to the last that can be placed."""
+    """A run from its first recorded state to the last that can be placed."""
 
     def __init__(self, run: RecordedRun) -> None:
         """Raise RecordingError and ParameterError for messages and parameters that cannot be used."""
         self.run = run
-        self.simulator = simulator_of(run)
-        self._states = RecordedStates(run, self.simulator)
+        laws = () if run.another_controller else run.judgeable
+        processes = [p for name in laws for p in run.processes(name) if p.parameters]
+        self._states: RecordedStates
+        if run.another_robot:
+            self._states = states = RobotStates(run, [process.config for process in processes])
+            self.simulator = Process("simulator", "", str(run.path), {"joints": states.joints})
+            period_ns = 0
+        else:
+            self.simulator = simulator_of(run)
+            self._states = RecordedStates(run, self.simulator)
+            period_ns = self.simulator.config.period_ns
         self.inputs = RecordedInputs(run, self.stamps)
         self.plant, self.sensors = Check(PLANT), Check(SENSORS)
         self.unattributed = Check(UNATTRIBUTED)
-        laws = () if run.another_controller else run.judgeable
-        processes = [p for name in laws for p in run.processes(name) if p.parameters]
-        period_ns = self.simulator.config.period_ns
         self.answers, self._refused = answers_of(run, processes, period_ns)
-        self._partial = self.inputs.recorded or run.real_time  # controllers did not get every state
+        self._partial = self.inputs.recorded  # controllers did not get every state
         self._marked = "fall.angle" in self.simulator.parameters
         self._commands = run.table(topics.EFFORT_COMMAND)
         # Turns by the schedule without their events: stamp, controller, True for active.
@@ -197,7 +243,11 @@ class Rerun:
         self._window: _Window | None = None
         self._span = 0, 0  # rows
         plan = self._plan
-        record = RecordSource(self._given, self._seen if self._partial else None)
+        record = RecordSource(
+            self._given,
+            self._seen if self._partial else None,
+            self.stamps if run.another_robot else None,
+        )
         self.engine = Engine(plan, start_of(plan), record)
         self._wire = start_of(plan).wire
 
@@ -214,9 +264,11 @@ class Rerun:
     @property
     def checks(self) -> list[Check]:
         """All checks of what was run so far."""
+        commands = [*(answers.check for answers in self.answers.values()), *self._refused]
+        if self.run.another_robot:
+            return commands
         unattributed = [self.unattributed] if self.unattributed.steps else []
-        answers = (answers.check for answers in self.answers.values())
-        return [*answers, *self._refused, *unattributed, self.sensors, self.plant]
+        return [*commands, *unattributed, self.sensors, self.plant]
 
     @cached_property
     def _plan(self) -> RunPlan:
@@ -279,7 +331,7 @@ class Rerun:
     def run_to(self, label: str, stamp_ns: int) -> bool:
         """Run up to the state before a stamp; return True if the controller's memory is then known."""
         self.compare(stamp_ns - 1)
-        index = stamp_ns // self.simulator.config.period_ns
+        index = self._states.index_of(stamp_ns)
         if self.engine.index != index:  # states before it are missing
             row = self._states.row_at(stamp_ns)
             if row is None:
@@ -296,7 +348,7 @@ class Rerun:
         if np.isnan(values[0]):
             return None
         answers = self.answers[label]
-        hip = hip_index(answers.process.config, self._states.measured.names)
+        hip = hip_index(answers.process.config, self.simulator.config.joints)
         measured = Measurement(*values[:4].tolist())
         place = -1 if hip is None else hip
         reference = answers.reference(stamp_ns)
@@ -334,6 +386,7 @@ class Rerun:
             push=self.run.operated.over(stamps) if self.run.operated else None,
             reference=references(len(stamps), terms),
             reads=reads,
+            stamp_ns=stamps if self.run.another_robot else None,
         )
 
     def _seen(self, label: str, stamp_ns: int) -> float | None:
@@ -358,8 +411,9 @@ class Rerun:
         )
         begin = self._span[0] + states.first - int(self._states.index[self._span[0]])
         rows = np.arange(begin, begin + count)
-        self._take_plant(states, window, rows)
-        self._take_sensors(states, window, rows)
+        if not self.run.another_robot:
+            self._take_plant(states, window, rows)
+            self._take_sensors(states, window, rows)
         self._take_answers(states, window)
         if not self._partial:  # states that a controller was not given turn nothing
             turned = states.turned

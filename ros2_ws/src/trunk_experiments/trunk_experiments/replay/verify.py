@@ -22,12 +22,18 @@ from ..recorded.processes import Process, is_whole
 from ..recorded.run import RecordedRun
 from ..recorded.turns import acts
 from .checks import describe
-from .completeness import missing, restarted, strangers, unjudged
+from .completeness import (
+    missing,
+    recorder_was_inactive,
+    restarted,
+    robot_obstacles,
+    strangers,
+    unjudged,
+)
 from .doubts import silence
 from .in_force import check_disturbances, check_inputs
 from .invariants import contradictions, without_commands
 from .rerun import Rerun
-from .robot import judge_robot, recorder_was_inactive
 from .verdict import DIVERGES, UNJUDGED, VERIFIED, Check, Verdict
 
 __all__ = [
@@ -71,11 +77,17 @@ def verdict_on(run: RecordedRun) -> Verdict:
         if run.count(topics.GROUND_TRUTH):
             _judge(run, verdict)
         else:
-            judge_robot(run, verdict)
-            verdict.unjudged += [
-                "the states, and whether all of them are recorded",
-                *unjudged(run),
-            ]
+            _judge_robot(run, verdict)
+        verdict.obstacles += [
+            f"{check.name}: {check.reason}" for check in verdict.checks if check.reason
+        ]
+        verdict.obstacles += [
+            f"{check.name}: {check.unjudged} of {check.unjudged + check.steps} steps not judged: "
+            "what they need is not on record"
+            for check in verdict.checks
+            if check.unjudged and not check.reason
+        ]
+        verdict.unjudged += unjudged(run)
     except ParameterError as error:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
     except RecordingError as error:
@@ -195,17 +207,22 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     verdict.obstacles += _failures(run)
     verdict.obstacles += [] if complete else recorder_was_inactive(run)
     verdict.obstacles += missing(run, rerun)
-    verdict.obstacles += [
-        f"{check.name}: {check.reason}" for check in verdict.checks if check.reason
-    ]
-    verdict.obstacles += [
-        f"{check.name}: {check.unjudged} of {check.unjudged + check.steps} steps not judged: "
-        "what they need is not on record"
-        for check in verdict.checks
-        if check.unjudged and not check.reason
-    ]
     verdict.judged = _span(run, rerun)
-    verdict.unjudged += unjudged(run)
+
+
+def _judge_robot(run: RecordedRun, verdict: Verdict) -> None:
+    """Judge the commands to a plant that is not ours, from the states that it published."""
+    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
+    if len(commands):
+        verdict.obstacles += (reasons := robot_obstacles(run))
+        if not reasons:
+            rerun = Rerun(run)
+            rerun.compare()
+            verdict.checks += rerun.checks
+            span = seconds(int(np.ptp(commands)))
+            verdict.judged = f"{len(commands)} commands in {span:g} s to a plant that is not ours"
+    verdict.obstacles.append("no simulator of ours: its states come from elsewhere")
+    verdict.unjudged.append("the states, and whether all of them are recorded")
 
 
 def _taken(run: RecordedRun, rerun: Rerun) -> Check:
