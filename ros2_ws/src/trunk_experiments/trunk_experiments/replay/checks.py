@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -10,8 +11,6 @@ import numpy as np
 
 from trunk_msgs_util.recording.joint_table import Bools, Floats, Integers
 from trunk_msgs_util.units import seconds
-
-from .bits import ulps
 
 # What a difference may be besides a value.
 ACTIVE_CONTROLLERS = "active controllers"
@@ -130,6 +129,33 @@ def unequal(recorded: Floats, computed: Floats) -> Bools:
     return different
 
 
+def same(a: float, b: float) -> bool:
+    """Return True where both have the same 64 bits (so NaN equals itself, and 0.0 differs from -0.0)."""
+    return struct.pack("<d", a) == struct.pack("<d", b)
+
+
+def apart(a: float, b: float) -> str:
+    """Return how far apart two values are, as the end of a line; empty where one is NaN."""
+    distance = ulps(a, b)
+    return "" if distance is None else f", {distance} ULP apart"
+
+
+def ulps(a: float, b: float) -> int | None:
+    """Return the distance from ``a`` to ``b`` in doubles; None where one is NaN.
+
+    0.0 and -0.0 are 0 apart, though their bits differ.
+    """
+    if a != a or b != b:
+        return None
+    return abs(_ordered(a) - _ordered(b))
+
+
+def _ordered(value: float) -> int:
+    """Return the double's bits as an integer that increases with the value."""
+    (bits,) = struct.unpack("<q", struct.pack("<d", value))
+    return int(bits) if bits >= 0 else -(bits & 0x7FFF_FFFF_FFFF_FFFF)
+
+
 def references(count: int, terms: Sequence[tuple[Bools, Floats]]) -> Floats:
     """Return the references on record [count], rad: those that came by topic are in no parameter."""
     values = np.full(count, np.nan)
@@ -149,9 +175,6 @@ def describe(difference: Difference) -> str:
     if difference.field == ACTIVE_CONTROLLERS:
         count = f"{difference.recorded:.0f} controllers are active by the run's events"
         return f"t = {seconds(difference.stamp_ns):g} s: {count}, 1 gave a command"
-    distance = ulps(difference.recorded, difference.computed)
-    return (
-        f"{at}: {difference.field}: "
-        f"recorded {difference.recorded!r}, computed {difference.computed!r}"
-        + ("" if distance is None else f", {distance} ULP apart")
-    )
+    recorded, computed = difference.recorded, difference.computed
+    values = f"recorded {recorded!r}, computed {computed!r}{apart(recorded, computed)}"
+    return f"{at}: {difference.field}: {values}"

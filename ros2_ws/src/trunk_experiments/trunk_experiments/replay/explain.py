@@ -27,9 +27,9 @@ from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS, unknown_controllers
 from ..recorded.run import RecordedRun
 from ..recorded.turns import recorded_turns
-from .bits import same
-from .completeness import robot_obstacles
+from .checks import same
 from .rerun import Rerun
+from .verify import robot_obstacles
 
 
 class Consequent(NamedTuple):

@@ -191,7 +191,7 @@ class RobotStates(RecordedStates):
         return np.zeros((stop - first, 6))
 
     def measurements(self, stamps: Integers) -> Floats:
-        """Return what our controllers read [n, 6]: 0 where a node goes on without a value."""
+        """Return hip and trunk as controllers read them [n, 6]: 0 where a node goes on without a value."""
         rows = self.measured.rows_of(stamps)
         values = np.zeros((len(stamps), 6))
         for i, quantity in enumerate(QUANTITIES):
