@@ -6,12 +6,10 @@ import ctypes
 import os
 import shutil
 import signal
-import socket
-import struct
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -19,42 +17,28 @@ from typing import BinaryIO, Protocol, TypeVar
 
 from trunk_msgs_util.cpu_deadline import CpuDeadline
 from trunk_msgs_util.node import early_signals
-from trunk_msgs_util.source import process_id
+from trunk_msgs_util.source import HeldError, claimed, process_id
 
 from ..errors import ExecutableError, RunError
-
-_CREDENTIALS = struct.Struct("3i")  # pid, uid, gid: unix(7), SO_PEERCRED
 
 
 @contextmanager
 def claimed_domain() -> Iterator[None]:
     """Hold this machine's ROS domain, which ``ROS_DOMAIN_ID`` names, for one run.
 
-    An abstract socket of Linux is the token: it leaves no file, is free again as soon as its process is gone,
-    and is seen where DDS on this machine is seen, in one network namespace. Raises RunError naming
-    the process that holds it.
+    Raises RunError naming the process that holds it.
     """
     domain = int(os.environ.get("ROS_DOMAIN_ID") or 0)
-    name = f"\0trunk run, ROS domain {domain}"
-    with socket.socket(socket.AF_UNIX) as token:
-        try:
-            token.bind(name)
-            token.listen()
-        except OSError as error:
-            raise RunError(
-                f"another run is under way in ROS domain {domain}{_holder(name)}: stop it or wait for its "
-                "end, or set ROS_DOMAIN_ID to another number"
-            ) from error
+    try:
+        token = claimed(f"run {domain}")
+    except HeldError as error:
+        holder = f", in process {error}" if str(error) else ""
+        raise RunError(
+            f"another run is under way in ROS domain {domain}{holder}: stop it or wait for its "
+            "end, or set ROS_DOMAIN_ID to another number"
+        ) from None
+    with token:
         yield
-
-
-def _holder(name: str) -> str:
-    with suppress(OSError), socket.socket(socket.AF_UNIX) as asked:
-        asked.setblocking(False)  # its process need not answer
-        asked.connect(name)
-        credentials = asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-        return f", in process {_CREDENTIALS.unpack(credentials)[0]}"
-    return ""
 
 
 _PR_SET_PDEATHSIG = 1
