@@ -23,9 +23,9 @@ from ..errors import GatewayError, PlanError, RunError
 from ..gateway.process import GatewayProcess
 from ..plans.files import checked_namespace
 from ..recorded.run import RecordedRun
-from ..runs.external import connection_lines
 from ..runs.files import BESIDE, RunFiles
 from ..runs.graph import run_graph
+from ..runs.launching import connection_lines
 from ..runs.processes import Interrupt, check_nodes_installed, claimed_domain
 from .run import show_run
 
