@@ -14,7 +14,7 @@ from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from trunk_experiments.runs import launching
-from trunk_experiments.runs.files import RunFiles
+from trunk_experiments.runs.run_files import RunFiles
 
 
 class OrderlyEnd:

@@ -19,7 +19,7 @@ import click
 from ..errors import GatewayError, NotInstalledError, PlanError
 from ..gateway.access import origin_of
 from ..gateway.process import LOOPBACK, GatewayProcess
-from ..runs.processes import Interrupt
+from ..runs.node_processes import Interrupt
 from .document import write_json
 
 _LOOK_S = 0.05

@@ -19,9 +19,9 @@ from trunk_msgs_util.recording.schemas import RunEvent
 from ..errors import RunError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
-from .files import RunFiles
 from .guardian import Guardian
-from .processes import ALL_S, Interrupt, NodeProcess, find_executable, stop
+from .node_processes import ALL_S, Interrupt, NodeProcess, find_executable, stop
+from .run_files import RunFiles
 
 if TYPE_CHECKING:
     from .monitor_node import Monitor

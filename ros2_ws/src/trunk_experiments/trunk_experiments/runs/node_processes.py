@@ -180,15 +180,15 @@ class Stoppable(Protocol):
         """Send a signal where the process still runs."""
 
 
-Process = TypeVar("Process", bound=Stoppable)
+Ending = TypeVar("Ending", bound=Stoppable)
 
 
 def stop(
-    first: Sequence[Process],
-    last: Sequence[Process],
+    first: Sequence[Ending],
+    last: Sequence[Ending],
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
-) -> list[Process]:
+) -> list[Ending]:
     """Tell all of ``first`` to end, and ``last`` when they have; kill those that do not.
 
     ``last`` is the recorder: it has to record the others' last messages. Return those that had to be killed;
@@ -200,8 +200,8 @@ def stop(
 
 
 def _end(
-    processes: Sequence[Process], limits: Sequence[CpuDeadline], sleep: Callable[[float], None]
-) -> list[Process]:
+    processes: Sequence[Ending], limits: Sequence[CpuDeadline], sleep: Callable[[float], None]
+) -> list[Ending]:
     for process in processes:
         process.signal(signal.SIGINT)
     while hung := _left(processes):
@@ -217,7 +217,7 @@ def _end(
     return hung
 
 
-def _left(processes: Sequence[Process]) -> list[Process]:
+def _left(processes: Sequence[Ending]) -> list[Ending]:
     return [process for process in processes if not process.ended]
 
 
