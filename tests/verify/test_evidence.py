@@ -12,7 +12,7 @@ from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.inputs import pulses_of
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay import answers
+from trunk_experiments.replay import rerun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.doubts import doubts_of, refused
 from trunk_experiments.replay.late import late_steps
@@ -297,7 +297,7 @@ def test_a_fall_left_out_with_its_limit_raised_is_the_same_motion(tmp_path):
 
 
 def test_too_many_processes_are_not_run_again(in_time, monkeypatch):
-    monkeypatch.setattr(answers, "_MOST", 0)
+    monkeypatch.setattr(rerun, "_MOST_PROCESSES", 0)
     verdict = verify(Recording.open(in_time))
     assert verdict.exit_code == UNJUDGED
     assert "1 processes of controllers: at most 0 are run again" in verdict.obstacles

@@ -156,15 +156,6 @@ def _ordered(value: float) -> int:
     return int(bits) if bits >= 0 else -(bits & 0x7FFF_FFFF_FFFF_FFFF)
 
 
-def references(count: int, terms: Sequence[tuple[Bools, Floats]]) -> Floats:
-    """Return the references on record [count], rad: those that came by topic are in no parameter."""
-    values = np.full(count, np.nan)
-    for there, record in terms:
-        if record.shape[1]:
-            values[there] = record[there, 0]
-    return values
-
-
 def describe(difference: Difference) -> str:
     """Return a difference as one line: where, both values, how far apart."""
     at = f"t = {seconds(difference.stamp_ns):g} s: {difference.topic}"

@@ -10,9 +10,11 @@ missing, and no others. The plant of another robot is not computed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
@@ -20,10 +22,12 @@ import numpy as np
 from trunk_control.controller import hip_index
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import Reading
+from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.recording.joint_table import QUANTITIES, Bools, Floats, Integers, JointTable
+from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
@@ -33,7 +37,7 @@ from trunk_sim.step import Measurement, PlantStatus
 
 from ..plans.plan import RunPlan
 from ..recorded.inputs import RecordedInputs
-from ..recorded.processes import Process, simulator_of
+from ..recorded.processes import Process, UnorderedError, simulator_of
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, RecordSource, start_of
 from ..runs.loop import reading_of
@@ -47,11 +51,18 @@ from ..runs.states import (
     SEEN_APPLIED,
     SEEN_POSITION,
     SEEN_VELOCITY,
+    TERMS,
     VELOCITY,
     States,
 )
-from .answers import answers_of
-from .checks import ACTIVE_CONTROLLERS, Check, ComparedColumn, Difference, references
+from .checks import (
+    ACTIVE_CONTROLLERS,
+    MISSING,
+    UNEXPECTED,
+    Check,
+    ComparedColumn,
+    Difference,
+)
 
 _FIELDS = tuple((quantity, joint) for quantity in QUANTITIES for joint in (0, 1))
 _TRUTH = [0, 1, 2, 3, 5]  # of the six fields: without the hip's effort
@@ -59,6 +70,7 @@ _TRUTH = [0, 1, 2, 3, 5]  # of the six fields: without the hip's effort
 PLANT, SENSORS = "states of the plant", "measured states"
 UNATTRIBUTED = "commands without one active controller"
 
+_MOST_PROCESSES = 50  # a double holds a bit for each that acts
 _MOST_GAPS = 1000
 _FAR = 100_000  # states beyond ten times those on record: no run has such a gap
 
@@ -212,6 +224,189 @@ def six(table: JointTable, rows: Integers) -> Floats:
     for i, quantity in enumerate(QUANTITIES):
         values[there, 2 * i : 2 * i + 2] = table.values(quantity, 2)[at]
     return values
+
+
+class Answers:
+    """A controller's process in a run, and the check of its commands and terms."""
+
+    def __init__(self, run: RecordedRun, process: Process, label: str, period_ns: int) -> None:
+        """``period_ns``: the plant's; 0 for another robot.
+
+        Raises UnorderedError, and RecordingError for other messages.
+        """
+        self.process = process
+        self.check = Check(f"commands of {label}")
+        self.topic = topics.controller_state(process.node)
+        self.lacking: Difference | None = None  # the first update without its terms
+        commands, self._table = run.table(topics.EFFORT_COMMAND), run.table(self.topic)
+        if len(self._table):
+            self._table.check_width("position", len(law_named(process.node).record_names))
+        # Rows of all commands and terms; None: they are all this process's.
+        self._terms_rows = None if process.sent_all(self._table) else process.rows(self._table)
+        self._terms_stamps = stamps = process.stamps(self._table)
+        if (np.diff(stamps) <= 0).any():
+            order = np.argsort(stamps, kind="stable")
+            self._terms_rows = order if self._terms_rows is None else self._terms_rows[order]
+            self._terms_stamps = stamps[order]
+        self._rows = None if process.sent_all(commands) else process.rows(commands)
+        self._stamps = process.stamps(commands)
+        if not process.source and run.count(
+            topics.PLANT_INPUTS
+        ):  # a copy of a real-time run: its terms tell whose
+            self._rows = np.flatnonzero(np.isin(self._stamps, self._terms_stamps))
+            self._stamps = self._stamps[self._rows]
+        self._known = True
+        self._anew = list(_anew(process, period_ns))
+
+    @property
+    def idle(self) -> bool:
+        """True for a process in real time of which no command is on record."""
+        return bool(self.process.source) and not len(self._stamps)
+
+    @property
+    def last_ns(self) -> int:
+        """The stamp of its last command on record, ns; -1 if there is none."""
+        return int(self._stamps.max(initial=-1))
+
+    def answered(self, stamps: Integers) -> Bools:
+        """Return which states this process answered, by its own commands."""
+        return np.isin(stamps, self._stamps)
+
+    def last_update(self, stamp_ns: int) -> int:
+        """Return the stamp of the last update up to a stamp, ns; -1 if there is none."""
+        stamps = self._terms_stamps
+        return int(stamps[stamps <= stamp_ns].max(initial=-1))
+
+    def reference(self, stamp_ns: int) -> float:
+        """Return the reference of the update with this stamp, rad; NaN if there is none."""
+        there, values = self.terms_at(np.array([stamp_ns]))
+        return float(values[0, 0]) if there[0] else nan
+
+    def is_own(self, rows: Integers) -> Bools:
+        """Return which of some commands, by their rows, are this process's."""
+        return rows >= 0 if self._rows is None else np.isin(rows, self._rows)
+
+    def terms_at(self, stamps: Integers) -> tuple[Bools, Floats]:
+        """Return for which states there are terms, and which [n, K]; NaN where there are none."""
+        known = self._terms_stamps
+        values = np.full((len(stamps), len(self._table.names)), np.nan)
+        there = np.zeros(len(stamps), bool)
+        if not len(known):
+            return there, values
+        at = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
+        there = known[at] == stamps
+        rows = at[there] if self._terms_rows is None else self._terms_rows[at[there]]
+        if len(rows):
+            first = int(rows.min())
+            values[there] = self._table.positions(first, int(rows.max()) + 1)[rows - first]
+        return there, values
+
+    def lose(self) -> None:
+        """Note that states are missing: what the controller did in them is not known."""
+        self._known = False
+
+    def is_known(self, stamps: Integers, readable: Bools, mine: Bools) -> Bools:
+        """Return for which states the controller's memory follows from the record.
+
+        ``readable``: there is a measured state; ``mine``: those that it answered, or all in simulated time.
+        """
+        lost = ~readable & (mine | (self.process.source == ""))
+        if self._known and not lost.any():
+            self._begin_anew(int(stamps[-1]))
+            return readable
+        known = np.zeros(len(stamps), bool)
+        for row, stamp_ns in enumerate(stamps.tolist()):
+            self._known = (self._known or self._begin_anew(stamp_ns)) and not lost[row]
+            known[row] = self._known
+        return known
+
+    def begins_known(self, stamp_ns: int) -> bool:
+        """Return True if the controller's memory before the state with this stamp follows from the record."""
+        self._known = self._known or self._begin_anew(stamp_ns)
+        return self._known
+
+    def _begin_anew(self, stamp_ns: int) -> bool:
+        """Return True if the controller began from nothing since it was last asked, before this stamp."""
+        before = len(self._anew)
+        self._anew = [since_ns for since_ns in self._anew if since_ns >= stamp_ns]
+        return len(self._anew) < before
+
+    def take(
+        self,
+        stamps: Integers,
+        mine: Bools,
+        given: Bools,
+        known: Bools,
+        effort: ComparedColumn | None,
+        terms: tuple[Bools, Floats],
+        table: Floats,
+    ) -> None:
+        """Compare the commands that are ``given`` in the rows that are ``mine``, and their terms.
+
+        ``table``: as `States` has it.
+        """
+        self.check.unjudged += int(np.count_nonzero(mine & ~given))
+        mine = mine & given
+        if effort is None or not mine.any():
+            return
+        (there, values), fresh = terms, table[:, FRESH] != 0.0
+        judged = mine & known
+        blank = ~(there & fresh)
+        names = self._table.names
+        columns = [effort]
+        for i, name in enumerate(names):
+            recorded, own = values[:, i].copy(), table[:, TERMS + i].copy()
+            recorded[blank] = own[blank] = 0.0
+            columns.append(ComparedColumn(self.topic, f"position[{name}]", recorded, own))
+        self.check.take(stamps[mine], judged[mine], [_rows_of(column, mine) for column in columns])
+        for row in np.flatnonzero(judged & there & ~fresh)[:1].tolist():
+            self.check.note(Difference(int(stamps[row]), self.topic, UNEXPECTED, 0.0, 0.0))
+        lacking = np.flatnonzero(judged & fresh & ~there)
+        if len(lacking) and self.lacking is None:
+            self.lacking = Difference(int(stamps[lacking[0]]), self.topic, MISSING, 0.0, 0.0)
+
+
+def _rows_of(column: ComparedColumn, rows: Bools) -> ComparedColumn:
+    return column._replace(recorded=column.recorded[rows], computed=column.computed[rows])
+
+
+def _anew(process: Process, period_ns: int) -> Iterator[int]:
+    """Yield the stamps after which a controller starts from nothing, whatever it did before."""
+    active = True
+    for change in process.changes:
+        if change.values is not None:
+            continue
+        begins = change.event == Event.RESET or (change.event == Event.ACTIVATED and not active)
+        # A controller that joins a run under way begins just before the first state that it sees.
+        joins = change.event == Event.ACTIVATED and change.stamp_ns > 0
+        if begins or (joins and period_ns and (change.stamp_ns + 1) % period_ns == 0):
+            yield change.stamp_ns
+        active = change.event not in (Event.DEACTIVATED, Event.CLEANED_UP)
+
+
+def answers_of(
+    run: RecordedRun, processes: Sequence[Process], period_ns: int
+) -> tuple[dict[str, Answers], list[Check]]:
+    """Return the answers of each process by a label of its own, and the checks of those without order.
+
+    Raises RecordingError for more processes than a run can have.
+    """
+    if len(processes) > _MOST_PROCESSES:
+        raise RecordingError(
+            f"{run.path}: {len(processes)} processes of controllers: at most {_MOST_PROCESSES} are run again"
+        )
+    answers: dict[str, Answers] = {}
+    refused: list[Check] = []
+    counts: Counter[str] = Counter()
+    for process in processes:
+        counts[process.node] += 1
+        number = counts[process.node]
+        label = process.node if number == 1 else f"{process.node}, process {number}"
+        try:
+            answers[label] = Answers(run, process, label, period_ns)
+        except UnorderedError as error:  # it was killed, say: the others can be judged
+            refused.append(Check(f"commands of {label}", reason=str(error)))
+    return answers, refused
 
 
 class Rerun:
@@ -384,7 +579,7 @@ class Rerun:
             disturbance=force.disturbance,
             command=force.command,
             push=self.run.operated.over(stamps) if self.run.operated else None,
-            reference=references(len(stamps), terms),
+            reference=_references(len(stamps), terms),
             reads=reads,
             stamp_ns=stamps if self.run.another_robot else None,
         )
@@ -480,11 +675,9 @@ class Rerun:
             if self._partial:
                 mine = answers.answered(window.stamps) & answers.is_own(window.commands)
             known = answers.is_known(window.stamps, readable, mine)
-            fresh = table[:, FRESH] != 0.0
-            terms = window.terms[place]
             # Of two that answered one state, the table has the effort of one and the terms of the other.
             judged = known & (active == 1 << place)
-            answers.take(window.stamps, mine, given, judged, effort, fresh, terms, table)
+            answers.take(window.stamps, mine, given, judged, effort, window.terms[place], table)
             if self._partial:
                 self._note_turns(window.stamps, mine & known & ~acts, active)
         if not self._partial and self.answers:
@@ -502,3 +695,12 @@ class Rerun:
 def _computed(table: Floats, position: slice, velocity: slice, effort: int) -> Floats:
     zeros = np.zeros((len(table), 1))
     return np.hstack([table[:, position], table[:, velocity], zeros, table[:, effort, None]])
+
+
+def _references(count: int, terms: Sequence[tuple[Bools, Floats]]) -> Floats:
+    """Return the references on record [count], rad: those that came by topic are in no parameter."""
+    values = np.full(count, np.nan)
+    for there, record in terms:
+        if record.shape[1]:
+            values[there] = record[there, 0]
+    return values
