@@ -384,6 +384,30 @@ def test_a_restarted_controller_is_judged_process_by_process(anew, tmp_path):
     assert checks(verdict)["states of the plant"].result == "verified"
 
 
+@pytest.mark.parametrize("ordered", [True, False])
+def test_each_process_that_answers_another_robot_is_judged_by_itself(ordered, tmp_path):
+    at_ns = 100 * H
+    words = (Event.DEACTIVATED, Event.CLEANED_UP, Event.ACTIVATED)
+    plan = replace(plan_of(), changes={"pid": [Change(at_ns - 1, None, word) for word in words]})
+    source, path = tmp_path / "whole.mcap", tmp_path / "robot.mcap"
+    record_real_time(plan, source)
+
+    def edit(messages):
+        restart(messages, at_ns)
+        messages[:] = [m for m in messages if m[0] not in (TRUTH, INPUTS)]
+        messages[:] = [m for m in messages if m[0] == STATE or b"/simulator\0" not in m[2]]
+        if not ordered:
+            retuned = event(at_ns, "/pid", Event.RETUNED, source=source_of("pid", 2))
+            messages.append([EVENTS, at_ns, retuned, at_ns, 0])
+
+    verdict = verdict_on(source, path, edit, end=False)
+    assert verdict.exit_code == UNJUDGED
+    first, second = (checks(verdict)[f"commands of pid{n}"] for n in ("", ", process 2"))
+    assert (first.steps, first.wrong_steps, second.wrong_steps) == (100, 0, 0)
+    assert second.steps == (101 if ordered else 0)
+    assert ("order is not known" in second.reason) != ordered
+
+
 @pytest.mark.parametrize("sets", [2, 3])
 @pytest.mark.parametrize(("other", "code"), [({}, VERIFIED), ({"pulse.magnitude": 9.0}, DIVERGES)])
 def test_each_process_of_a_disturbance_may_leave_its_first_parameters_unnamed(
