@@ -36,7 +36,7 @@ from trunk_sim.simulation import DivergedError
 from trunk_sim.step import Measurement, PlantStatus
 
 from ..plans.plan import RunPlan
-from ..recorded.inputs import RecordedInputs
+from ..recorded.inputs import RecordedInputs, most_steps
 from ..recorded.processes import Process, UnorderedError, simulator_of
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, RecordSource, start_of
@@ -72,7 +72,6 @@ UNATTRIBUTED = "commands without one active controller"
 
 _MOST_PROCESSES = 50  # a double holds a bit for each that acts
 _MOST_GAPS = 1000
-_FAR = 100_000  # states beyond ten times those on record: no run has such a gap
 
 
 class _Window(NamedTuple):
@@ -109,7 +108,7 @@ class RecordedStates:
         odd = (stamps < 0) | (stamps % period_ns != 0)
         odd[1:] |= np.diff(stamps) <= 0
         index = stamps // period_ns
-        odd |= index > 10 * len(stamps) + _FAR
+        odd |= index > most_steps(len(stamps))
         gaps = np.flatnonzero(np.diff(index) != 1)
         odd[gaps[_MOST_GAPS:] + 1] = True
         end = int(np.argmax(odd)) if odd.any() else len(stamps)
@@ -443,8 +442,8 @@ class Rerun:
             self._seen if self._partial else None,
             self.stamps if run.another_robot else None,
         )
-        self.engine = Engine(plan, start_of(plan), record)
-        self._wire = start_of(plan).wire
+        start = start_of(plan)
+        self.engine, self._wire = Engine(plan, start, record), start.wire
 
     @property
     def stamps(self) -> Integers:

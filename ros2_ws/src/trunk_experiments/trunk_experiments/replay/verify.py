@@ -290,17 +290,12 @@ def _missing(run: RecordedRun, rerun: Rerun) -> list[str]:
         return [*lines, f"{topics.GROUND_TRUTH}: no messages"]
     last = int(states[-1]) // period_ns
     lines += _absent(topics.GROUND_TRUTH, last + 1 - len(states), _first_gap(states, period_ns))
-    measured = run.table(topics.JOINT_STATES)
-    known = {
-        topics.JOINT_STATES: measured.rows_of(states) >= 0,
-        topics.EFFORT_COMMAND: rerun.inputs.command_known,
-        topics.DISTURBANCE: rerun.inputs.disturbance_known,
-    }
+    known = {topics.JOINT_STATES: run.table(topics.JOINT_STATES).rows_of(states) >= 0}
     if rerun.inputs.recorded:
-        known = {
-            topics.JOINT_STATES: known[topics.JOINT_STATES],
-            topics.PLANT_INPUTS: known[topics.EFFORT_COMMAND],
-        }
+        known[topics.PLANT_INPUTS] = rerun.inputs.command_known
+    else:
+        known[topics.EFFORT_COMMAND] = rerun.inputs.command_known
+        known[topics.DISTURBANCE] = rerun.inputs.disturbance_known
     for relative, there in known.items():
         lines += _absent(relative, int((~there).sum()), int(states[np.argmin(there)]))
     for node, relative in (("simulator", topics.JOINT_STATES), ("disturbance", topics.DISTURBANCE)):
