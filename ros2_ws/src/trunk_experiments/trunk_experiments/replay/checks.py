@@ -70,10 +70,7 @@ class Check:
         rows = np.flatnonzero(judged)
         if not len(rows):
             return
-        wrong = np.zeros(len(stamps), bool)
-        for column in columns:
-            wrong |= unequal(column.recorded, column.computed)
-        self.add(stamps, rows, np.flatnonzero(wrong & judged), columns)
+        self.add(stamps, rows, np.flatnonzero(unequal(columns, len(stamps)) & judged), columns)
 
     def add(
         self, stamps: Integers, rows: Integers, wrong: Integers, columns: Sequence[ComparedColumn]
@@ -85,17 +82,7 @@ class Check:
                 self.steps + int(np.count_nonzero(rows < row)),
                 int(stamps[row - 1]) if row else (self.until_ns or -1),
             )
-            self.first = [
-                Difference(
-                    int(stamps[row]),
-                    column.topic,
-                    column.field,
-                    float(column.recorded[row]),
-                    float(column.computed[row]),
-                )
-                for column in columns
-                if unequal(column.recorded[row : row + 1], column.computed[row : row + 1])[0]
-            ]
+            self.first = differences_in(row, stamps, columns)
         self.steps += len(rows)
         self.wrong_steps += len(wrong)
         if len(rows):
@@ -120,13 +107,21 @@ class Check:
             self.reason = f"{why}: judged up to {difference}"
 
 
-def unequal(recorded: Floats, computed: Floats) -> Bools:
-    """Return a mask of the elements of two arrays that do not have the same 64 bits [n]."""
-    a, b = (
-        np.ascontiguousarray(values, np.float64).view(np.int64) for values in (recorded, computed)
-    )
-    different: Bools = a != b
+def unequal(columns: Sequence[ComparedColumn], count: int) -> Bools:
+    """Return which of ``count`` rows do not have the same 64 bits in each column [count]."""
+    different = np.zeros(count, bool)
+    for column in columns:
+        a, b = (np.ascontiguousarray(v, np.float64).view(np.int64) for v in column[2:])
+        different |= a != b
     return different
+
+
+def differences_in(
+    row: int, stamps: Integers, columns: Sequence[ComparedColumn]
+) -> list[Difference]:
+    """Return the differences in a row, in the order of the columns."""
+    values = [(*column[:2], float(column[2][row]), float(column[3][row])) for column in columns]
+    return [Difference(int(stamps[row]), *v) for v in values if not same(*v[2:])]
 
 
 def same(a: float, b: float) -> bool:

@@ -16,7 +16,7 @@ from trunk_msgs_util.units import seconds
 
 from ..analysis.parameter_text import change_grid, change_text, changed_parameters, differing_texts
 from ..recorded.run import RecordedRun
-from .checks import apart, unequal
+from .checks import ComparedColumn, apart, differences_in, unequal
 
 # In the order in which a difference spreads through one step of the loop.
 _TOPICS = (topics.GROUND_TRUTH, topics.DISTURBANCE, topics.JOINT_STATES, topics.EFFORT_COMMAND)
@@ -234,26 +234,18 @@ def _compare(
     if a.names != b.names:
         firsts.append(FirstDifference(int(stamps[0]), relative, "name", None, 1.0))
         return steps, min(firsts, key=lambda f: f.stamp_ns)
+    columns: list[ComparedColumn] = []
     for quantity in QUANTITIES:
         x, y = a.values(quantity)[rows_a], b.values(quantity)[rows_b]
         if x.shape != y.shape:
             firsts.append(FirstDifference(int(stamps[0]), relative, quantity, None, 1.0))
             continue
-        differing = unequal(x, y)
-        rows = np.flatnonzero(differing.any(axis=1))
-        if len(rows):
-            row = int(rows[0])
-            column = int(np.flatnonzero(differing[row])[0])
-            steps.update(stamps[rows].tolist())
-            firsts.append(
-                FirstDifference(
-                    int(stamps[row]),
-                    relative,
-                    f"{quantity}[{a.names[column]}]",
-                    float(x[row, column]),
-                    float(y[row, column]),
-                )
-            )
+        for i, name in enumerate(a.names[: x.shape[1]]):
+            columns.append(ComparedColumn(relative, f"{quantity}[{name}]", x[:, i], y[:, i]))
+    rows = np.flatnonzero(unequal(columns, len(stamps)))
+    if len(rows):
+        steps.update(stamps[rows].tolist())
+        firsts.append(FirstDifference(*differences_in(int(rows[0]), stamps, columns)[0]))
     return steps, min(firsts, key=lambda f: f.stamp_ns, default=None)
 
 
