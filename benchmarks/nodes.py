@@ -35,9 +35,9 @@ from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.late import late_steps
-from trunk_experiments.runs.files import RunFiles
 from trunk_experiments.runs.graph import run_graph
-from trunk_experiments.runs.processes import NodeProcess, find_executable, stop
+from trunk_experiments.runs.node_processes import NodeProcess, find_executable, stop
+from trunk_experiments.runs.run_files import RunFiles
 from trunk_msgs_util import topics
 
 from .harness import BenchError, Row

@@ -35,7 +35,7 @@ from trunk_experiments.gateway.process import LOOPBACK, GatewayProcess
 from trunk_experiments.gateway.protocol import NAME
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
-from trunk_experiments.runs.processes import stop
+from trunk_experiments.runs.node_processes import stop
 from trunk_msgs_util import topics
 
 MIB = 2**20

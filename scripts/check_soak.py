@@ -45,8 +45,8 @@ from trunk_experiments.console.tables import print_table
 from trunk_experiments.errors import RunError
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_experiments.runs.files import RunFiles
 from trunk_experiments.runs.graph import run_graph
+from trunk_experiments.runs.run_files import RunFiles
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.node import middleware
 from trunk_msgs_util.recording.reader import Recording

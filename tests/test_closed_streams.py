@@ -14,7 +14,7 @@ from ros2_ws.src.trunk_experiments.test.verbs import Arguments, of_recording
 
 from trunk_experiments.api import plan, simulate
 from trunk_experiments.cli import OVERVIEW
-from trunk_experiments.runs.processes import find_executable
+from trunk_experiments.runs.node_processes import find_executable
 
 from .finished import finished
 

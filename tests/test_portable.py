@@ -144,7 +144,6 @@ EXCEPT = {
     # The values of a grid are kept with its results.
     "study.py": {"Generator", "SeedSequence", "unravel_index", "linspace", "geomspace", "degrees"},
     "doctor.py": {"median"},
-    "late.py": {"median"},  # of stamps, which are whole ns
     "doubts.py": {"degrees", "median"},  # for words about a run
     "plan.py": {"degrees"},  # likewise
     "quantity.py": {"**"},  # of fractions, exact

@@ -19,7 +19,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from trunk_experiments.errors import RunError
-from trunk_experiments.runs.processes import claimed_domain
+from trunk_experiments.runs.node_processes import claimed_domain
 
 from .finished import finished
 

@@ -74,6 +74,6 @@ MODULES = {
     "engine": Module(EXPERIMENTS + "trunk_experiments/runs/engine.py", _LOOP),
     **{
         name: Module(EXPERIMENTS + f"trunk_experiments/replay/{name}.py", _VERIFY)
-        for name in ("rerun", "answers", "in_force", "invariants", "parameter_invariants")
+        for name in ("rerun", "in_force", "invariants")
     },
 }

@@ -14,7 +14,7 @@ import pytest
 
 from trunk_experiments.errors import RunError
 from trunk_experiments.runs.graph import _own_recording
-from trunk_experiments.runs.processes import NodeProcess
+from trunk_experiments.runs.node_processes import NodeProcess
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.source import process_id

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.runs.processes import find_executable
+from trunk_experiments.runs.node_processes import find_executable
 from trunk_msgs_util.cpu_deadline import CpuDeadline
 
 from .forked import Forked

@@ -8,7 +8,7 @@ import pytest
 
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.processes import find_executable
+from trunk_experiments.runs.node_processes import find_executable
 
 from .peer import Peer
 from .processes import Child, Children, until

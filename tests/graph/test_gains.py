@@ -10,7 +10,7 @@ import pytest
 from std_msgs.msg import Float64MultiArray
 
 from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_experiments.runs.processes import find_executable
+from trunk_experiments.runs.node_processes import find_executable
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.recording.reader import Recording

@@ -13,7 +13,7 @@ import pytest
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verdict import UNJUDGED, VERIFIED
 from trunk_experiments.replay.verify import verdict_on
-from trunk_experiments.runs.processes import claimed_domain
+from trunk_experiments.runs.node_processes import claimed_domain
 from trunk_msgs_util import topics
 
 from .live_page import LivePage, start_live

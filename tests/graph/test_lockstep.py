@@ -28,7 +28,7 @@ from pathlib import Path
 root, name, folder, *order = sys.argv[1:]
 sys.path.insert(0, root)
 from tests.same_bits.scenarios import SCENARIOS
-from trunk_experiments.runs.files import RunFiles
+from trunk_experiments.runs.run_files import RunFiles
 from trunk_experiments.runs.graph import run_graph
 
 run_graph(SCENARIOS[name].plan(lockstep=True), RunFiles(Path(folder)), lambda t: None, order)

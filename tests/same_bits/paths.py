@@ -21,9 +21,9 @@ from trunk_experiments.replay.branch import Branch, branch_plan, record_branch
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.engine import states_of_run
-from trunk_experiments.runs.files import RunFiles
 from trunk_experiments.runs.graph import run_graph
 from trunk_experiments.runs.offline_recording import record_offline, record_states
+from trunk_experiments.runs.run_files import RunFiles
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import seconds

@@ -19,7 +19,6 @@ from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan
 from trunk_msgs_util import provenance, source
 from trunk_msgs_util.cpu_deadline import SchedulingDelay
-from trunk_msgs_util.node import duplicate_node
 from trunk_msgs_util.node.recorder_node import RecorderNode
 from trunk_msgs_util.node.run import run_nodes
 from trunk_msgs_util.parameters.declarations import declarations, values_of
@@ -103,7 +102,7 @@ _as(source.local_pid, _local_pid)
 def _claimed(name: str) -> Held:
     holder = rcl.world().names.setdefault(name, rcl.here())
     if holder is not rcl.here() and holder.alive:
-        raise duplicate_node.HeldError(str(holder.number))
+        raise source.HeldError(str(holder.number))
     rcl.world().names[name] = rcl.here()
     return Held()
 
@@ -114,7 +113,7 @@ class Held:
     def close(self) -> None: ...
 
 
-_as(duplicate_node.claimed, _claimed)
+_as(source.claimed, _claimed)
 _ORIGIN = provenance.gather()
 
 

@@ -12,7 +12,7 @@ from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.inputs import pulses_of
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay import answers
+from trunk_experiments.replay import rerun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.doubts import doubts_of, refused
 from trunk_experiments.replay.late import late_steps
@@ -297,7 +297,7 @@ def test_a_fall_left_out_with_its_limit_raised_is_the_same_motion(tmp_path):
 
 
 def test_too_many_processes_are_not_run_again(in_time, monkeypatch):
-    monkeypatch.setattr(answers, "_MOST", 0)
+    monkeypatch.setattr(rerun, "_MOST_PROCESSES", 0)
     verdict = verify(Recording.open(in_time))
     assert verdict.exit_code == UNJUDGED
     assert "1 processes of controllers: at most 0 are run again" in verdict.obstacles
@@ -382,6 +382,30 @@ def test_a_restarted_controller_is_judged_process_by_process(anew, tmp_path):
     assert (first.steps, first.wrong_steps, second.steps) == (100, 0, 101)
     assert (second.wrong_steps == 0) == anew
     assert checks(verdict)["states of the plant"].result == "verified"
+
+
+@pytest.mark.parametrize("ordered", [True, False])
+def test_each_process_that_answers_another_robot_is_judged_by_itself(ordered, tmp_path):
+    at_ns = 100 * H
+    words = (Event.DEACTIVATED, Event.CLEANED_UP, Event.ACTIVATED)
+    plan = replace(plan_of(), changes={"pid": [Change(at_ns - 1, None, word) for word in words]})
+    source, path = tmp_path / "whole.mcap", tmp_path / "robot.mcap"
+    record_real_time(plan, source)
+
+    def edit(messages):
+        restart(messages, at_ns)
+        messages[:] = [m for m in messages if m[0] not in (TRUTH, INPUTS)]
+        messages[:] = [m for m in messages if m[0] == STATE or b"/simulator\0" not in m[2]]
+        if not ordered:
+            retuned = event(at_ns, "/pid", Event.RETUNED, source=source_of("pid", 2))
+            messages.append([EVENTS, at_ns, retuned, at_ns, 0])
+
+    verdict = verdict_on(source, path, edit, end=False)
+    assert verdict.exit_code == UNJUDGED
+    first, second = (checks(verdict)[f"commands of pid{n}"] for n in ("", ", process 2"))
+    assert (first.steps, first.wrong_steps, second.wrong_steps) == (100, 0, 0)
+    assert second.steps == (101 if ordered else 0)
+    assert ("order is not known" in second.reason) != ordered
 
 
 @pytest.mark.parametrize("sets", [2, 3])

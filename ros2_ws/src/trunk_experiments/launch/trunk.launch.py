@@ -14,8 +14,7 @@ from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from trunk_experiments.runs import launching
-from trunk_experiments.runs.external import connection_lines
-from trunk_experiments.runs.files import RunFiles
+from trunk_experiments.runs.run_files import RunFiles
 
 
 class OrderlyEnd:
@@ -89,7 +88,7 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     ]
     said = [LogInfo(msg=f"warning: {text}") for text in plan.warnings]
     if plan.external is not None:
-        said += [LogInfo(msg=line) for line in connection_lines(plan)]
+        said += [LogInfo(msg=line) for line in launching.connection_lines(plan)]
     said.append(LogInfo(msg=f"recording: {files.recording}"))
     # Viewers first: if RViz is not installed, nothing has been started yet.
     return [*said, *shown, *end.actions.values()]

@@ -9,7 +9,7 @@ import pytest
 from click.shell_completion import ShellComplete
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.runs.processes import find_executable
+from trunk_experiments.runs.node_processes import find_executable
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from trunk_experiments.plans.files import shipped_files
 from trunk_experiments.plans.nodes import CONTROLLERS, NODES
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs import launching
-from trunk_experiments.runs.files import RunFiles
 from trunk_experiments.runs.launching import ARGUMENTS, launch_nodes, launch_plan, launch_viewers
+from trunk_experiments.runs.run_files import RunFiles
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_msgs_util.parameters.files import parse, read, resolve
 

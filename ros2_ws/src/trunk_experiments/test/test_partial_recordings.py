@@ -13,7 +13,7 @@ from trunk_experiments.commands.run import command, show_run, write_run
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, verify
-from trunk_experiments.runs.files import RunFiles
+from trunk_experiments.runs.run_files import RunFiles
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of

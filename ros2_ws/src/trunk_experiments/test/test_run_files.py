@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from trunk_experiments.cli import trunk
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.files import RunFiles
+from trunk_experiments.runs.run_files import RunFiles
 from trunk_msgs_util.recording.writer import RecordingWriter
 
 

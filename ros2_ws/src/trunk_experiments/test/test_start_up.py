@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from trunk_experiments.runs.processes import find_executable
+from trunk_experiments.runs.node_processes import find_executable
 
 HEAVY = {"matplotlib", "numba", "pandas", "pyarrow", "rclpy", "rosbags", "scipy", "yaml", "jinja2"}
 HEAVY |= {"importlib.metadata", "rich.console", "rich.progress", "email", "asyncio"}

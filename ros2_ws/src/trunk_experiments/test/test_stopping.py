@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from trunk_experiments.runs.processes import stop
+from trunk_experiments.runs.node_processes import stop
 
 PROMISE_S = 10.0  # docs/faults.md
 NOTICED_S = 0.6  # a death is noticed, and heard out

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.picture import messages
-from trunk_msgs_util.picture.film import Film, scene_of, urdf
+from trunk_msgs_util.picture.film import Film, markers, scene_of, transforms, urdf
 from trunk_msgs_util.picture.shapes import Geometry, Kind, Scene, shapes
 from trunk_msgs_util.recording.schemas import deserialize, stamp_of
 from trunk_msgs_util.samples import JointSample
@@ -42,7 +41,7 @@ def rotated(q, v):
 
 @given(REAL, REAL)
 def test_the_transforms_lead_to_where_the_markers_are(x, theta):
-    told = deserialize(topics.TF_TYPE, messages.transforms(GEOMETRY, x, theta, 5))
+    told = deserialize(topics.TF_TYPE, transforms(GEOMETRY, x, theta, 5))
     hip, trunk = told.transforms
     assert [(t.header.frame_id, t.child_frame_id) for t in told.transforms] == [
         ("world", "hip_link"),
@@ -78,7 +77,7 @@ def test_the_urdf_joins_the_links_of_the_transforms_by_the_joints_of_the_states(
 
 def test_markers_have_what_each_kind_of_shape_needs():
     drawn = shapes(GEOMETRY, Scene(0.1, 0.2, 30.0, None, True, False))
-    told = deserialize(topics.MARKER_ARRAY_TYPE, messages.markers(drawn, 1_500_000_000))
+    told = deserialize(topics.MARKER_ARRAY_TYPE, markers(drawn, 1_500_000_000))
     assert [marker.ns for marker in told.markers] == [shape.name for shape in drawn]
     for marker, shape in zip(told.markers, drawn, strict=True):
         assert marker.type == shape.kind

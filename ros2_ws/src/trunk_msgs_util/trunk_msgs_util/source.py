@@ -7,11 +7,17 @@ PROCESS is unique on any host and at any time: its boot's id, its number and its
 
 from __future__ import annotations
 
+import errno
 import os
 import re
+import socket
+import struct
 from contextlib import suppress
 from functools import lru_cache
+from hashlib import blake2b
 from pathlib import Path
+
+from .errors import TrunkError
 
 # In ``plant/inputs``: of what somebody else's node sent, or where nothing acts.
 NO_SOURCE = "-"
@@ -106,3 +112,38 @@ def local_pid(identity: str) -> int | None:
     if number.isdecimal() and len(number) < 12 and process_id(int(number)) == identity:
         return int(number)
     return None
+
+
+_CREDENTIALS = struct.Struct("3i")  # pid, uid, gid: unix(7), SO_PEERCRED
+
+
+class HeldError(TrunkError):
+    """Another process holds the name; the text is its number, or empty."""
+
+
+def claimed(name: str) -> socket.socket:
+    """Hold a name until the socket is closed or the process ends, however it ends. Raises HeldError.
+
+    An abstract socket of Linux is the token: it leaves no file, and is seen where DDS on this machine is
+    seen, in one network namespace. The process that holds the name may claim it again.
+    """
+    token = socket.socket(socket.AF_UNIX)
+    address = f"\0trunk {blake2b(name.encode(), digest_size=16).hexdigest()}"
+    try:
+        token.bind(address)
+        token.listen()
+    except OSError as error:
+        holder = _holder(address)
+        if error.errno == errno.EADDRINUSE and holder != str(os.getpid()):
+            token.close()
+            raise HeldError(holder) from None
+    return token
+
+
+def _holder(address: str) -> str:
+    with suppress(OSError), socket.socket(socket.AF_UNIX) as asked:
+        asked.setblocking(False)  # its process need not answer
+        asked.connect(address)
+        credentials = asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        return str(_CREDENTIALS.unpack(credentials)[0])
+    return ""

@@ -23,10 +23,10 @@ from ..errors import GatewayError, PlanError, RunError
 from ..gateway.process import GatewayProcess
 from ..plans.files import checked_namespace
 from ..recorded.run import RecordedRun
-from ..runs.external import connection_lines
-from ..runs.files import GATEWAY_LOG, RunFiles
 from ..runs.graph import run_graph
-from ..runs.processes import Interrupt, check_nodes_installed, claimed_domain
+from ..runs.launching import connection_lines
+from ..runs.node_processes import Interrupt, check_nodes_installed, claimed_domain
+from ..runs.run_files import GATEWAY_LOG, RunFiles
 from .run import show_run
 
 _REPORT = "report.html"

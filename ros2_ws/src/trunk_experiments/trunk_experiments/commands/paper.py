@@ -52,7 +52,7 @@ def command(
     from ..paper.reproduction import as_json as paper_values
     from ..paper.reproduction import reproduce
     from ..paper.runs import FIGURES
-    from ..runs.processes import check_nodes_installed
+    from ..runs.node_processes import check_nodes_installed
     from .exchange.export_web import write_lab
 
     if graph:

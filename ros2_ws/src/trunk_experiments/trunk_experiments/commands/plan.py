@@ -18,8 +18,7 @@ from ..console.plan_options import (
     plan_values,
 )
 from ..plans.files import checked_namespace
-from ..runs.external import connection_lines
-from ..runs.launching import launch_nodes
+from ..runs.launching import connection_lines, launch_nodes
 
 
 @click.command("plan")

@@ -29,10 +29,10 @@ from ..console.terminal import console, line_of, report_error, show_warnings
 from ..errors import PlanError, RunError
 from ..recorded.run import RecordedRun
 from ..replay.doubts import doubts_of, silence
-from ..runs.external import connection_lines
-from ..runs.files import RunFiles
 from ..runs.graph import run_graph
-from ..runs.processes import check_nodes_installed, claimed_domain
+from ..runs.launching import connection_lines
+from ..runs.node_processes import check_nodes_installed, claimed_domain
+from ..runs.run_files import RunFiles
 from .metrics import show_metrics
 
 

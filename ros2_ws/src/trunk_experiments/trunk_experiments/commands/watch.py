@@ -15,7 +15,7 @@ from ..console.document import json_option
 from ..console.page import checked_host, page_options, serve, show_address
 from ..gateway.process import GatewayProcess
 from ..recorded.run import RecordedRun
-from ..runs.processes import Interrupt
+from ..runs.node_processes import Interrupt
 
 
 @click.command("watch")

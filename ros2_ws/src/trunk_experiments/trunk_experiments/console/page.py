@@ -16,7 +16,7 @@ import click
 from ..errors import PlanError
 from ..gateway.access import origin_of
 from ..gateway.process import LOOPBACK, GatewayProcess
-from ..runs.processes import Interrupt
+from ..runs.node_processes import Interrupt
 from .document import write_json
 
 _LOOK_S = 0.05

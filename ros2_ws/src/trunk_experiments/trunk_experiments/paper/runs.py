@@ -17,10 +17,10 @@ from ..analysis.run_table import RunTable
 from ..plans.plan import RunPlan, make_plan
 from ..recorded.run import RecordedRun
 from ..replay.diff import diff
-from ..runs.files import RunFiles
 from ..runs.graph import run_graph
+from ..runs.node_processes import claimed_domain
 from ..runs.offline_recording import record_offline
-from ..runs.processes import claimed_domain
+from ..runs.run_files import RunFiles
 
 FIGURES = ("fig6", "fig7", "fig8", "fig9")
 PROFILES = ("profile_paper", "profile_practical")

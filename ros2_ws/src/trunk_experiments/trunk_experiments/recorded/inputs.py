@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from ..plans.timeline import Timeline
     from .run import RecordedRun
 
-_FAR = 100_000  # steps beyond ten times the number of states: no run has more
-
 
 class InForce(NamedTuple):
     """The inputs of n states; a stamp of -1: nothing is in force."""
@@ -52,7 +50,7 @@ class RecordedInputs:
     def __init__(self, run: RecordedRun, stamps: Integers) -> None:
         """``stamps``: of the states, ns, ascending. Raises RecordingError for other messages."""
         self.sources: tuple[str, ...] = (NO_SOURCE,)
-        self.recorded = run.real_time or run.count(topics.PLANT_INPUTS) > 0
+        self.recorded = run.real_time or run.another_robot or run.count(topics.PLANT_INPUTS) > 0
         self._stamps = stamps
         self._commands = run.table(topics.EFFORT_COMMAND)
         self._disturbances = run.table(topics.DISTURBANCE)
@@ -155,12 +153,17 @@ def _nothing_known(count: int) -> InForce:
     )
 
 
+def most_steps(states: int) -> int:
+    """Return how many steps a run has at most of which so many states are on record."""
+    return 10 * states + 100_000
+
+
 def delivered_ns(config: SimulatorConfig, stamps: Integers) -> Integers:
     """Return which state's command the link delivers in each of these states, by stamp; -1: none."""
     if config.network is None or not len(stamps):
         return stamps
     wanted = int(stamps.max()) // config.period_ns + 1
-    steps = max(min(wanted, 10 * len(stamps) + _FAR), 1)
+    steps = max(min(wanted, most_steps(len(stamps))), 1)
     used = Traffic(config.network).command_steps(steps)[
         np.clip(stamps // config.period_ns, 0, steps - 1)
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -10,8 +11,6 @@ import numpy as np
 
 from trunk_msgs_util.recording.joint_table import Bools, Floats, Integers
 from trunk_msgs_util.units import seconds
-
-from .bits import ulps
 
 # What a difference may be besides a value.
 ACTIVE_CONTROLLERS = "active controllers"
@@ -71,10 +70,7 @@ class Check:
         rows = np.flatnonzero(judged)
         if not len(rows):
             return
-        wrong = np.zeros(len(stamps), bool)
-        for column in columns:
-            wrong |= unequal(column.recorded, column.computed)
-        self.add(stamps, rows, np.flatnonzero(wrong & judged), columns)
+        self.add(stamps, rows, np.flatnonzero(unequal(columns, len(stamps)) & judged), columns)
 
     def add(
         self, stamps: Integers, rows: Integers, wrong: Integers, columns: Sequence[ComparedColumn]
@@ -86,17 +82,7 @@ class Check:
                 self.steps + int(np.count_nonzero(rows < row)),
                 int(stamps[row - 1]) if row else (self.until_ns or -1),
             )
-            self.first = [
-                Difference(
-                    int(stamps[row]),
-                    column.topic,
-                    column.field,
-                    float(column.recorded[row]),
-                    float(column.computed[row]),
-                )
-                for column in columns
-                if unequal(column.recorded[row : row + 1], column.computed[row : row + 1])[0]
-            ]
+            self.first = differences_in(row, stamps, columns)
         self.steps += len(rows)
         self.wrong_steps += len(wrong)
         if len(rows):
@@ -121,22 +107,48 @@ class Check:
             self.reason = f"{why}: judged up to {difference}"
 
 
-def unequal(recorded: Floats, computed: Floats) -> Bools:
-    """Return a mask of the elements of two arrays that do not have the same 64 bits [n]."""
-    a, b = (
-        np.ascontiguousarray(values, np.float64).view(np.int64) for values in (recorded, computed)
-    )
-    different: Bools = a != b
+def unequal(columns: Sequence[ComparedColumn], count: int) -> Bools:
+    """Return which of ``count`` rows do not have the same 64 bits in each column [count]."""
+    different = np.zeros(count, bool)
+    for column in columns:
+        a, b = (np.ascontiguousarray(v, np.float64).view(np.int64) for v in column[2:])
+        different |= a != b
     return different
 
 
-def references(count: int, terms: Sequence[tuple[Bools, Floats]]) -> Floats:
-    """Return the references on record [count], rad: those that came by topic are in no parameter."""
-    values = np.full(count, np.nan)
-    for there, record in terms:
-        if record.shape[1]:
-            values[there] = record[there, 0]
-    return values
+def differences_in(
+    row: int, stamps: Integers, columns: Sequence[ComparedColumn]
+) -> list[Difference]:
+    """Return the differences in a row, in the order of the columns."""
+    values = [(*column[:2], float(column[2][row]), float(column[3][row])) for column in columns]
+    return [Difference(int(stamps[row]), *v) for v in values if not same(*v[2:])]
+
+
+def same(a: float, b: float) -> bool:
+    """Return True where both have the same 64 bits (so NaN equals itself, and 0.0 differs from -0.0)."""
+    return struct.pack("<d", a) == struct.pack("<d", b)
+
+
+def apart(a: float, b: float) -> str:
+    """Return how far apart two values are, as the end of a line; empty where one is NaN."""
+    distance = ulps(a, b)
+    return "" if distance is None else f", {distance} ULP apart"
+
+
+def ulps(a: float, b: float) -> int | None:
+    """Return the distance from ``a`` to ``b`` in doubles; None where one is NaN.
+
+    0.0 and -0.0 are 0 apart, though their bits differ.
+    """
+    if a != a or b != b:
+        return None
+    return abs(_ordered(a) - _ordered(b))
+
+
+def _ordered(value: float) -> int:
+    """Return the double's bits as an integer that increases with the value."""
+    (bits,) = struct.unpack("<q", struct.pack("<d", value))
+    return int(bits) if bits >= 0 else -(bits & 0x7FFF_FFFF_FFFF_FFFF)
 
 
 def describe(difference: Difference) -> str:
@@ -149,9 +161,6 @@ def describe(difference: Difference) -> str:
     if difference.field == ACTIVE_CONTROLLERS:
         count = f"{difference.recorded:.0f} controllers are active by the run's events"
         return f"t = {seconds(difference.stamp_ns):g} s: {count}, 1 gave a command"
-    distance = ulps(difference.recorded, difference.computed)
-    return (
-        f"{at}: {difference.field}: "
-        f"recorded {difference.recorded!r}, computed {difference.computed!r}"
-        + ("" if distance is None else f", {distance} ULP apart")
-    )
+    recorded, computed = difference.recorded, difference.computed
+    values = f"recorded {recorded!r}, computed {computed!r}{apart(recorded, computed)}"
+    return f"{at}: {difference.field}: {values}"

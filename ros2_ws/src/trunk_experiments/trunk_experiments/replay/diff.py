@@ -16,7 +16,7 @@ from trunk_msgs_util.units import seconds
 
 from ..analysis.parameter_text import change_grid, change_text, changed_parameters, differing_texts
 from ..recorded.run import RecordedRun
-from .bits import ulps
+from .checks import ComparedColumn, apart, differences_in, unequal
 
 # In the order in which a difference spreads through one step of the loop.
 _TOPICS = (topics.GROUND_TRUTH, topics.DISTURBANCE, topics.JOINT_STATES, topics.EFFORT_COMMAND)
@@ -67,11 +67,9 @@ class FirstDifference(NamedTuple):
             return f"{head}: only in {'B' if self.a is None else 'A'}"
         if not same_plan:
             unit = _unit(self.topic, self.field, hip)
-            a, b, apart = (f"{x:.6g}{unit}" for x in (self.a, self.b, abs(self.b - self.a)))
-            return f"{head}: {a} in A, {b} in B, {apart} apart"
-        distance = ulps(self.a, self.b)
-        apart = "" if distance is None else f", {distance} ULP apart"
-        return f"{head}: {self.a!r} in A, {self.b!r} in B{apart}"
+            a, b, gap = (f"{x:.6g}{unit}" for x in (self.a, self.b, abs(self.b - self.a)))
+            return f"{head}: {a} in A, {b} in B, {gap} apart"
+        return f"{head}: {self.a!r} in A, {self.b!r} in B{apart(self.a, self.b)}"
 
 
 @dataclass
@@ -236,26 +234,18 @@ def compare_topic(
     if a.names != b.names:
         firsts.append(FirstDifference(int(stamps[0]), relative, "name", None, 1.0))
         return steps, min(firsts, key=lambda f: f.stamp_ns)
+    columns: list[ComparedColumn] = []
     for quantity in QUANTITIES:
         x, y = a.values(quantity)[rows_a], b.values(quantity)[rows_b]
         if x.shape != y.shape:
             firsts.append(FirstDifference(int(stamps[0]), relative, quantity, None, 1.0))
             continue
-        unequal = np.ascontiguousarray(x).view(np.int64) != np.ascontiguousarray(y).view(np.int64)
-        rows = np.flatnonzero(unequal.any(axis=1))
-        if len(rows):
-            row = int(rows[0])
-            column = int(np.flatnonzero(unequal[row])[0])
-            steps.update(stamps[rows].tolist())
-            firsts.append(
-                FirstDifference(
-                    int(stamps[row]),
-                    relative,
-                    f"{quantity}[{a.names[column]}]",
-                    float(x[row, column]),
-                    float(y[row, column]),
-                )
-            )
+        for i, name in enumerate(a.names[: x.shape[1]]):
+            columns.append(ComparedColumn(relative, f"{quantity}[{name}]", x[:, i], y[:, i]))
+    rows = np.flatnonzero(unequal(columns, len(stamps)))
+    if len(rows):
+        steps.update(stamps[rows].tolist())
+        firsts.append(FirstDifference(*differences_in(int(rows[0]), stamps, columns)[0]))
     return steps, min(firsts, key=lambda f: f.stamp_ns, default=None)
 
 

@@ -27,9 +27,9 @@ from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS, unknown_controllers
 from ..recorded.run import RecordedRun
 from ..recorded.turns import recorded_turns
-from .bits import same
+from .checks import same
 from .rerun import Rerun
-from .robot import RobotRerun, explicable
+from .verify import robot_obstacles
 
 
 class Consequent(NamedTuple):
@@ -166,9 +166,9 @@ def _explain(run: RecordedRun, at: float) -> Explanation:
             f"{run.path} lasts from t = {table.t[0]:g} s to t = {table.t[-1]:g} s: "
             f"give --at a time in it, not {at:g}"
         )
-    if not ours:
-        explicable(run)
-    rerun = Rerun(run) if ours else RobotRerun(run)
+    for reason in () if ours else robot_obstacles(run):
+        raise RecordingError(f"{run.path}: {reason}")
+    rerun = Rerun(run)
     commands = run.table(topics.EFFORT_COMMAND)
     # If several took turns: the one that updated last.
     at_ns = run.begin_ns + nanoseconds(at)
@@ -215,7 +215,7 @@ def _explain(run: RecordedRun, at: float) -> Explanation:
     )
 
 
-def _update(rerun: Rerun | RobotRerun, label: str, stamp_ns: int) -> _Update:
+def _update(rerun: Rerun, label: str, stamp_ns: int) -> _Update:
     """Return a controller's update on the state with this stamp, after all that came before it.
 
     Raises RecordingError if there is no command, or if it does not follow from the record.

@@ -5,14 +5,16 @@
     measurements, memory   -> command and terms  each controller
 
 Each check has a span of its own. A gap, a lost message or a restart spoils the checks that need what is
-missing, and no others.
+missing, and no others. The plant of another robot is not computed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
@@ -20,10 +22,12 @@ import numpy as np
 from trunk_control.controller import hip_index
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import Reading
+from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.recording.joint_table import QUANTITIES, Bools, Floats, Integers, JointTable
+from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
@@ -32,8 +36,8 @@ from trunk_sim.simulation import DivergedError
 from trunk_sim.step import Measurement, PlantStatus
 
 from ..plans.plan import RunPlan
-from ..recorded.inputs import RecordedInputs
-from ..recorded.processes import Process, simulator_of
+from ..recorded.inputs import RecordedInputs, most_steps
+from ..recorded.processes import Process, UnorderedError, simulator_of
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, RecordSource
 from ..runs.loop import reading_of
@@ -47,11 +51,18 @@ from ..runs.states import (
     SEEN_APPLIED,
     SEEN_POSITION,
     SEEN_VELOCITY,
+    TERMS,
     VELOCITY,
     States,
 )
-from .answers import answers_of
-from .checks import ACTIVE_CONTROLLERS, Check, ComparedColumn, Difference, references
+from .checks import (
+    ACTIVE_CONTROLLERS,
+    MISSING,
+    UNEXPECTED,
+    Check,
+    ComparedColumn,
+    Difference,
+)
 
 _FIELDS = tuple((quantity, joint) for quantity in QUANTITIES for joint in (0, 1))
 _TRUTH = [0, 1, 2, 3, 5]  # of the six fields: without the hip's effort
@@ -59,8 +70,8 @@ _TRUTH = [0, 1, 2, 3, 5]  # of the six fields: without the hip's effort
 PLANT, SENSORS = "states of the plant", "measured states"
 UNATTRIBUTED = "commands without one active controller"
 
+_MOST_PROCESSES = 50  # a double holds a bit for each that acts
 _MOST_GAPS = 1000
-_FAR = 100_000  # states beyond ten times those on record: no run has such a gap
 
 
 class _Window(NamedTuple):
@@ -92,12 +103,12 @@ class RecordedStates:
         )
         self._fell = [e.stamp_ns for e in simulator.events if e.message == Event.FELL]
         self._delay_steps: int = simulator.config.delay_steps
-        period_ns = simulator.config.period_ns
+        self._period_ns = period_ns = simulator.config.period_ns
         stamps = simulator.stamps(self.truth)
         odd = (stamps < 0) | (stamps % period_ns != 0)
         odd[1:] |= np.diff(stamps) <= 0
         index = stamps // period_ns
-        odd |= index > 10 * len(stamps) + _FAR
+        odd |= index > most_steps(len(stamps))
         gaps = np.flatnonzero(np.diff(index) != 1)
         odd[gaps[_MOST_GAPS:] + 1] = True
         end = int(np.argmax(odd)) if odd.any() else len(stamps)
@@ -110,6 +121,10 @@ class RecordedStates:
         """Return the row of the state with a stamp; None if it is not on record."""
         row = int(np.searchsorted(self.stamps, stamp_ns))
         return row if row < len(self.stamps) and self.stamps[row] == stamp_ns else None
+
+    def index_of(self, stamp_ns: int) -> int:
+        """Return the index of the state with a stamp, on record or not."""
+        return stamp_ns // int(self._period_ns)
 
     def true(self, first: int, stop: int) -> Floats:
         """Return true positions, velocities and efforts of the rows [first, stop): [n, 6]."""
@@ -162,6 +177,42 @@ class RecordedStates:
         return index - int(self.index[begin]) + begin
 
 
+class RobotStates(RecordedStates):
+    """The states that another robot published, in the order of their stamps: its plant is not computed."""
+
+    def __init__(self, run: RecordedRun, controllers: Sequence[ControllerConfig]) -> None:
+        """Take the states as the controllers read them. Raises RecordingError without one of their joints."""
+        self.measured = run.table(topics.JOINT_STATES)
+        self.stamps = np.unique(self.measured.stamp_ns)
+        self.index = np.arange(len(self.stamps))
+        self.spans, self.cut_ns, self._fell = [(0, len(self.stamps))], None, []
+        trunk = controllers[0].joint
+        hip = next((config.hip for config in controllers if config.hip is not None), None)
+        self.joints = "hip" if hip is None else hip, trunk
+        self._places = {1: self.measured.index(trunk)}
+        if hip is not None:
+            self._places[0] = self.measured.index(hip)
+
+    def index_of(self, stamp_ns: int) -> int:
+        """Return how many states come before a stamp."""
+        return int(np.searchsorted(self.stamps, stamp_ns))
+
+    def true(self, first: int, stop: int) -> Floats:
+        """Return zeros [n, 6]: what is not known, and leads to nothing."""
+        return np.zeros((stop - first, 6))
+
+    def measurements(self, stamps: Integers) -> Floats:
+        """Return hip and trunk as controllers read them [n, 6]: 0 where a node goes on without a value."""
+        rows = self.measured.rows_of(stamps)
+        values = np.zeros((len(stamps), 6))
+        for i, quantity in enumerate(QUANTITIES):
+            for joint, place in self._places.items() if self.measured.width(quantity) else ():
+                values[:, 2 * i + joint] = self.measured.values(quantity)[rows, place]
+        values[~np.isfinite(values)] = 0.0
+        values[rows < 0] = np.nan
+        return values
+
+
 def six(table: JointTable, rows: Integers) -> Floats:
     """Return positions, velocities and efforts of two joints [n, 6] in these rows, NaN in row -1."""
     values = np.full((len(rows), 6), np.nan)
@@ -174,29 +225,222 @@ def six(table: JointTable, rows: Integers) -> Floats:
     return values
 
 
+class Answers:
+    """A controller's process in a run, and the check of its commands and terms."""
+
+    def __init__(self, run: RecordedRun, process: Process, label: str, period_ns: int) -> None:
+        """``period_ns``: the plant's; 0 for another robot.
+
+        Raises UnorderedError, and RecordingError for other messages.
+        """
+        self.process = process
+        self.check = Check(f"commands of {label}")
+        self.topic = topics.controller_state(process.node)
+        self.lacking: Difference | None = None  # the first update without its terms
+        commands, self._table = run.table(topics.EFFORT_COMMAND), run.table(self.topic)
+        if len(self._table):
+            self._table.check_width("position", len(law_named(process.node).record_names))
+        # Rows of all commands and terms; None: they are all this process's.
+        self._terms_rows = None if process.sent_all(self._table) else process.rows(self._table)
+        self._terms_stamps = stamps = process.stamps(self._table)
+        if (np.diff(stamps) <= 0).any():
+            order = np.argsort(stamps, kind="stable")
+            self._terms_rows = order if self._terms_rows is None else self._terms_rows[order]
+            self._terms_stamps = stamps[order]
+        self._rows = None if process.sent_all(commands) else process.rows(commands)
+        self._stamps = process.stamps(commands)
+        if not process.source and run.count(
+            topics.PLANT_INPUTS
+        ):  # a copy of a real-time run: its terms tell whose
+            self._rows = np.flatnonzero(np.isin(self._stamps, self._terms_stamps))
+            self._stamps = self._stamps[self._rows]
+        self._known = True
+        self._anew = list(_anew(process, period_ns))
+
+    @property
+    def idle(self) -> bool:
+        """True for a process in real time of which no command is on record."""
+        return bool(self.process.source) and not len(self._stamps)
+
+    @property
+    def last_ns(self) -> int:
+        """The stamp of its last command on record, ns; -1 if there is none."""
+        return int(self._stamps.max(initial=-1))
+
+    def answered(self, stamps: Integers) -> Bools:
+        """Return which states this process answered, by its own commands."""
+        return np.isin(stamps, self._stamps)
+
+    def last_update(self, stamp_ns: int) -> int:
+        """Return the stamp of the last update up to a stamp, ns; -1 if there is none."""
+        stamps = self._terms_stamps
+        return int(stamps[stamps <= stamp_ns].max(initial=-1))
+
+    def reference(self, stamp_ns: int) -> float:
+        """Return the reference of the update with this stamp, rad; NaN if there is none."""
+        there, values = self.terms_at(np.array([stamp_ns]))
+        return float(values[0, 0]) if there[0] else nan
+
+    def is_own(self, rows: Integers) -> Bools:
+        """Return which of some commands, by their rows, are this process's."""
+        return rows >= 0 if self._rows is None else np.isin(rows, self._rows)
+
+    def terms_at(self, stamps: Integers) -> tuple[Bools, Floats]:
+        """Return for which states there are terms, and which [n, K]; NaN where there are none."""
+        known = self._terms_stamps
+        values = np.full((len(stamps), len(self._table.names)), np.nan)
+        there = np.zeros(len(stamps), bool)
+        if not len(known):
+            return there, values
+        at = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
+        there = known[at] == stamps
+        rows = at[there] if self._terms_rows is None else self._terms_rows[at[there]]
+        if len(rows):
+            first = int(rows.min())
+            values[there] = self._table.positions(first, int(rows.max()) + 1)[rows - first]
+        return there, values
+
+    def lose(self) -> None:
+        """Note that states are missing: what the controller did in them is not known."""
+        self._known = False
+
+    def is_known(self, stamps: Integers, readable: Bools, mine: Bools) -> Bools:
+        """Return for which states the controller's memory follows from the record.
+
+        ``readable``: there is a measured state; ``mine``: those that it answered, or all in simulated time.
+        """
+        lost = ~readable & (mine | (self.process.source == ""))
+        if self._known and not lost.any():
+            self._begin_anew(int(stamps[-1]))
+            return readable
+        known = np.zeros(len(stamps), bool)
+        for row, stamp_ns in enumerate(stamps.tolist()):
+            self._known = (self._known or self._begin_anew(stamp_ns)) and not lost[row]
+            known[row] = self._known
+        return known
+
+    def begins_known(self, stamp_ns: int) -> bool:
+        """Return True if the controller's memory before the state with this stamp follows from the record."""
+        self._known = self._known or self._begin_anew(stamp_ns)
+        return self._known
+
+    def _begin_anew(self, stamp_ns: int) -> bool:
+        """Return True if the controller began from nothing since it was last asked, before this stamp."""
+        before = len(self._anew)
+        self._anew = [since_ns for since_ns in self._anew if since_ns >= stamp_ns]
+        return len(self._anew) < before
+
+    def take(
+        self,
+        stamps: Integers,
+        mine: Bools,
+        given: Bools,
+        known: Bools,
+        effort: ComparedColumn | None,
+        terms: tuple[Bools, Floats],
+        table: Floats,
+    ) -> None:
+        """Compare the commands that are ``given`` in the rows that are ``mine``, and their terms.
+
+        ``table``: as `States` has it.
+        """
+        self.check.unjudged += int(np.count_nonzero(mine & ~given))
+        mine = mine & given
+        if effort is None or not mine.any():
+            return
+        (there, values), fresh = terms, table[:, FRESH] != 0.0
+        judged = mine & known
+        blank = ~(there & fresh)
+        names = self._table.names
+        columns = [effort]
+        for i, name in enumerate(names):
+            recorded, own = values[:, i].copy(), table[:, TERMS + i].copy()
+            recorded[blank] = own[blank] = 0.0
+            columns.append(ComparedColumn(self.topic, f"position[{name}]", recorded, own))
+        self.check.take(stamps[mine], judged[mine], [_rows_of(column, mine) for column in columns])
+        for row in np.flatnonzero(judged & there & ~fresh)[:1].tolist():
+            self.check.note(Difference(int(stamps[row]), self.topic, UNEXPECTED, 0.0, 0.0))
+        lacking = np.flatnonzero(judged & fresh & ~there)
+        if len(lacking) and self.lacking is None:
+            self.lacking = Difference(int(stamps[lacking[0]]), self.topic, MISSING, 0.0, 0.0)
+
+
+def _rows_of(column: ComparedColumn, rows: Bools) -> ComparedColumn:
+    return column._replace(recorded=column.recorded[rows], computed=column.computed[rows])
+
+
+def _anew(process: Process, period_ns: int) -> Iterator[int]:
+    """Yield the stamps after which a controller starts from nothing, whatever it did before."""
+    active = True
+    for change in process.changes:
+        if change.values is not None:
+            continue
+        begins = change.event == Event.RESET or (change.event == Event.ACTIVATED and not active)
+        # A controller that joins a run under way begins just before the first state that it sees.
+        joins = change.event == Event.ACTIVATED and change.stamp_ns > 0
+        if begins or (joins and period_ns and (change.stamp_ns + 1) % period_ns == 0):
+            yield change.stamp_ns
+        active = change.event not in (Event.DEACTIVATED, Event.CLEANED_UP)
+
+
+def answers_of(
+    run: RecordedRun, processes: Sequence[Process], period_ns: int
+) -> tuple[dict[str, Answers], list[Check]]:
+    """Return the answers of each process by a label of its own, and the checks of those without order.
+
+    Raises RecordingError for more processes than a run can have.
+    """
+    if len(processes) > _MOST_PROCESSES:
+        raise RecordingError(
+            f"{run.path}: {len(processes)} processes of controllers: at most {_MOST_PROCESSES} are run again"
+        )
+    answers: dict[str, Answers] = {}
+    refused: list[Check] = []
+    counts: Counter[str] = Counter()
+    for process in processes:
+        counts[process.node] += 1
+        number = counts[process.node]
+        label = process.node if number == 1 else f"{process.node}, process {number}"
+        try:
+            answers[label] = Answers(run, process, label, period_ns)
+        except UnorderedError as error:  # it was killed, say: the others can be judged
+            refused.append(Check(f"commands of {label}", reason=str(error)))
+    return answers, refused
+
+
 class Rerun:
-    """The run of a plant of ours, from its first recorded state to the last that can be placed."""
+    """A run from its first recorded state to the last that can be placed."""
 
     def __init__(self, run: RecordedRun) -> None:
         """Raise RecordingError and ParameterError for messages and parameters that cannot be used."""
         self.run = run
-        self.simulator = simulator_of(run)
-        self._states = RecordedStates(run, self.simulator)
+        laws = () if run.another_controller else run.judgeable
+        processes = [p for name in laws for p in run.processes(name) if p.parameters]
+        self._states: RecordedStates
+        if run.another_robot:
+            self._states = states = RobotStates(run, [process.config for process in processes])
+            self.simulator = Process("simulator", "", str(run.path), {"joints": states.joints})
+            period_ns = 0
+        else:
+            self.simulator = simulator_of(run)
+            self._states = RecordedStates(run, self.simulator)
+            period_ns = self.simulator.config.period_ns
         self.inputs = RecordedInputs(run, self.stamps)
         self.plant, self.sensors = Check(PLANT), Check(SENSORS)
         self.unattributed = Check(UNATTRIBUTED)
-        laws = () if run.another_controller else run.judgeable
-        processes = [p for name in laws for p in run.processes(name) if p.parameters]
-        period_ns = self.simulator.config.period_ns
         self.answers, self._refused = answers_of(run, processes, period_ns)
-        self._partial = self.inputs.recorded or run.real_time  # controllers did not get every state
+        self._partial = self.inputs.recorded  # controllers did not get every state
         self._marked = "fall.angle" in self.simulator.parameters
         self._commands = run.table(topics.EFFORT_COMMAND)
         # Turns by the schedule without their events: stamp, controller, True for active.
         self.unreported: list[tuple[int, str, bool]] = []
         self._window: _Window | None = None
         self._span = 0, 0  # rows
-        record = RecordSource(self._given, self._seen if self._partial else None)
+        record = RecordSource(
+            self._given,
+            self._seen if self._partial else None,
+            self.stamps if run.another_robot else None,
+        )
         self.engine = Engine(self._plan, record)
         self._wire = self.engine.wire
 
@@ -213,9 +457,11 @@ class Rerun:
     @property
     def checks(self) -> list[Check]:
         """All checks of what was run so far."""
+        commands = [*(answers.check for answers in self.answers.values()), *self._refused]
+        if self.run.another_robot:
+            return commands
         unattributed = [self.unattributed] if self.unattributed.steps else []
-        answers = (answers.check for answers in self.answers.values())
-        return [*answers, *self._refused, *unattributed, self.sensors, self.plant]
+        return [*commands, *unattributed, self.sensors, self.plant]
 
     @cached_property
     def _plan(self) -> RunPlan:
@@ -278,7 +524,7 @@ class Rerun:
     def run_to(self, label: str, stamp_ns: int) -> bool:
         """Run up to the state before a stamp; return True if the controller's memory is then known."""
         self.compare(stamp_ns - 1)
-        index = stamp_ns // self.simulator.config.period_ns
+        index = self._states.index_of(stamp_ns)
         if self.engine.index != index:  # states before it are missing
             row = self._states.row_at(stamp_ns)
             if row is None:
@@ -295,7 +541,7 @@ class Rerun:
         if np.isnan(values[0]):
             return None
         answers = self.answers[label]
-        hip = hip_index(answers.process.config, self._states.measured.names)
+        hip = hip_index(answers.process.config, self.simulator.config.joints)
         measured = Measurement(*values[:4].tolist())
         place = -1 if hip is None else hip
         reference = answers.reference(stamp_ns)
@@ -331,8 +577,9 @@ class Rerun:
             disturbance=force.disturbance,
             command=force.command,
             push=self.run.operated.over(stamps) if self.run.operated else None,
-            reference=references(len(stamps), terms),
+            reference=_references(len(stamps), terms),
             reads=reads,
+            stamp_ns=stamps if self.run.another_robot else None,
         )
 
     def _seen(self, label: str, stamp_ns: int) -> float | None:
@@ -357,8 +604,9 @@ class Rerun:
         )
         begin = self._span[0] + states.first - int(self._states.index[self._span[0]])
         rows = np.arange(begin, begin + count)
-        self._take_plant(states, window, rows)
-        self._take_sensors(states, window, rows)
+        if not self.run.another_robot:
+            self._take_plant(states, window, rows)
+            self._take_sensors(states, window, rows)
         self._take_answers(states, window)
         if not self._partial:  # states that a controller was not given turn nothing
             turned = states.turned
@@ -425,11 +673,9 @@ class Rerun:
             if self._partial:
                 mine = answers.answered(window.stamps) & answers.is_own(window.commands)
             known = answers.is_known(window.stamps, readable, mine)
-            fresh = table[:, FRESH] != 0.0
-            terms = window.terms[place]
             # Of two that answered one state, the table has the effort of one and the terms of the other.
             judged = known & (active == 1 << place)
-            answers.take(window.stamps, mine, given, judged, effort, fresh, terms, table)
+            answers.take(window.stamps, mine, given, judged, effort, window.terms[place], table)
             if self._partial:
                 self._note_turns(window.stamps, mine & known & ~acts, active)
         if not self._partial and self.answers:
@@ -447,3 +693,12 @@ class Rerun:
 def _computed(table: Floats, position: slice, velocity: slice, effort: int) -> Floats:
     zeros = np.zeros((len(table), 1))
     return np.hstack([table[:, position], table[:, velocity], zeros, table[:, effort, None]])
+
+
+def _references(count: int, terms: Sequence[tuple[Bools, Floats]]) -> Floats:
+    """Return the references on record [count], rad: those that came by topic are in no parameter."""
+    values = np.full(count, np.nan)
+    for there, record in terms:
+        if record.shape[1]:
+            values[there] = record[there, 0]
+    return values

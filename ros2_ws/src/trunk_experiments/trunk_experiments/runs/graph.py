@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -19,10 +19,9 @@ from trunk_msgs_util.recording.schemas import RunEvent
 from ..errors import RunError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
-from .external import note_of
-from .files import RunFiles
 from .guardian import Guardian
-from .processes import ALL_S, Interrupt, NodeProcess, find_executable, stop
+from .node_processes import ALL_S, Interrupt, NodeProcess, find_executable, stop
+from .run_files import RunFiles
 
 if TYPE_CHECKING:
     from .monitor_node import Monitor
@@ -99,7 +98,7 @@ def run_graph(
     with suppress(RecordingError):  # who reads it is told why
         events = recording.events()
     for event in events:  # of a short run some may not have been heard
-        if line := note_of(event.node, event.message, event.values):
+        if line := _note_of(event.node, event.message, event.values):
             tell(line)
     return recording
 
@@ -162,9 +161,20 @@ def _pass_on(monitor: Monitor, note: Callable[[str], None]) -> None:
         if line != monitor.overdue:
             monitor.overdue = line
             note(line)
-    for line in monitor.notes:
-        note(line)
-    monitor.notes.clear()
+    for event in monitor.events:
+        if line := _note_of(*event):
+            note(line)
+    monitor.events.clear()
+
+
+def _note_of(node: str, message: str, values: Mapping[str, str]) -> str:
+    """Return the line that tells a user at once of an event; empty for most."""
+    if message in (Event.CONNECTED, Event.DISCONNECTED):
+        who = values.get("node") or "a participant without a ROS node"
+        return f"{message}: {who} ({values.get('middleware', '?')})"
+    if message == Event.REFUSED and "what" in values:
+        return f"{node.rpartition('/')[2]}: {values['what']}: {values.get('why', '')}"
+    return ""
 
 
 class _Silence:

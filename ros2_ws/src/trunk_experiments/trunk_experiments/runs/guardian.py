@@ -1,8 +1,8 @@
 """The guardian: a small process that stops a run's processes if the runner dies without doing so.
 
-The kernel tells each process when the runner dies (see `processes`), but one that hangs does not hear it.
-The guardian waits for the end of a socket of which the runner holds the other side. Over it come handles to
-the processes (pidfds): unlike an id, a handle never comes to mean another process.
+The kernel tells each process when the runner dies (see `node_processes`), but one that hangs does not hear
+it. The guardian waits for the end of a socket of which the runner holds the other side. Over it come handles
+to the processes (pidfds): unlike an id, a handle never comes to mean another process.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import subprocess
 import sys
 from contextlib import suppress
 
-from trunk_experiments.runs.processes import stop  # this file also runs as a program
+from trunk_experiments.runs.node_processes import stop  # this file also runs as a program
 from trunk_msgs_util.node import early_signals
 
 _FIRST, _LAST = b"f", b"l"

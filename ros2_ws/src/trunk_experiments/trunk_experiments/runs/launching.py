@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import UnitError
 from trunk_msgs_util.parameters.to_si import number_in
 from trunk_msgs_util.recording.reader import Recording, RecordingError
@@ -164,3 +166,29 @@ def what_lacks(file: Path) -> str:
     if recording.complete:
         return ""
     return f"{file}: incomplete: {(recording.end or {}).get('reason', 'no end marker')}"
+
+
+def connection_lines(plan: RunPlan) -> list[str]:
+    """Return in five lines what a node that gives the commands subscribes to and publishes."""
+    hip, trunk = plan.simulator.joints
+    kind = topics.JOINT_STATE_TYPE
+    at = f"{plan.namespace}/"
+    reference = (
+        f"{kind}: {trunk}, position [rad], of the state with its stamp, one step ahead"
+        if plan.reference is not None
+        else f"{kind}: nobody of ours publishes it (reference.profile is topic)"
+    )
+    rule = (
+        "the state's, copied: it answers that state, and the plant waits for it"
+        if plan.simulator.lockstep
+        else "the state's, copied: it answers that state; without one it acts when it arrives"
+    )
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
+    return [
+        f"connect your node, with ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE={reach}:",
+        f"  hears {at}{topics.JOINT_STATES}: {kind}: {hip}, {trunk}, position [m, rad], velocity; reliable",
+        f"  hears {at}{topics.REFERENCE}: {reference}; reliable",
+        f"  sends {at}{topics.EFFORT_COMMAND}: {kind}: {trunk}, effort [N m]; reliable or best effort",
+        f"  header.stamp of a command: {rule}",
+    ]

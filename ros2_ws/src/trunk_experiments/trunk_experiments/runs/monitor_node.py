@@ -15,8 +15,6 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import middleware, qos
 
-from .external import note_of
-
 
 class Monitor:
     """Listens to ``run/events`` and ``/diagnostics``; a context manager that owns its ROS context."""
@@ -27,7 +25,8 @@ class Monitor:
         self.told = 0  # how often the simulator has given a sign of life
         self.ready: set[str] = set()
         self._processes: defaultdict[str, set[str]] = defaultdict(set)  # of each node's name
-        self.notes: list[str] = []  # what a user is told as the run goes on
+        # Of each event the node, the message and the values; who has read them clears them.
+        self.events: list[tuple[str, str, Mapping[str, str]]] = []
         self.waits_for = ""  # what the simulator says it waits for
         self.overdue = ""  # what the user was told of that
         self.failure: str | None = None
@@ -65,8 +64,7 @@ class Monitor:
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {v.key: v.value for v in status.values}
-            if line := note_of(status.name, status.message, values):
-                self.notes.append(line)
+            self.events.append((status.name, status.message, values))
             if status.message == Event.STARTED:
                 self.started = True
             elif status.message == Event.FINISHED:

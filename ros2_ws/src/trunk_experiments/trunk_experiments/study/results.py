@@ -23,7 +23,7 @@ from ..analysis.run_table import table_and_metrics
 from ..errors import StudyError
 from ..plans.plan import RunPlan
 from ..recorded.run import RecordedRun
-from ..replay.bits import same, ulps
+from ..replay.checks import same, ulps
 from ..runs.offline_recording import Progress, record_offline
 from .rows import Bases, bases_from, plan_of
 from .study import StudySpec, design, parse_study

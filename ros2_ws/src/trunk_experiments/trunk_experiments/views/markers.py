@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from trunk_msgs_util.parameters.declarations import parameter
-from trunk_msgs_util.picture.film import RATE
-from trunk_msgs_util.picture.messages import WORLD
+from trunk_msgs_util.picture.film import RATE, WORLD
 
 
 @dataclass(frozen=True)

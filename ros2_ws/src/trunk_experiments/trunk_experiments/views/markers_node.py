@@ -21,8 +21,7 @@ from trunk_msgs_util.node.conversions import WireReader
 from trunk_msgs_util.node.executor import LoopExecutor
 from trunk_msgs_util.node.ros_parameters import NodeParameters
 from trunk_msgs_util.node.run import run_beside
-from trunk_msgs_util.picture import messages
-from trunk_msgs_util.picture.film import scene_of, value
+from trunk_msgs_util.picture.film import markers, scene_of, value
 from trunk_msgs_util.picture.shapes import Geometry, shapes
 from trunk_msgs_util.samples import JointSample
 
@@ -82,7 +81,7 @@ class MarkersNode(Node):
         if scene is not None:
             now_ns = self.get_clock().now().nanoseconds
             drawn = shapes(self._geometry, scene)
-            self._picture.publish(messages.markers(drawn, now_ns, self.config.frame))
+            self._picture.publish(markers(drawn, now_ns, self.config.frame))
 
     def _reference(self) -> float | None:
         """Return the reference of the controller that published last."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterEvent
@@ -13,26 +13,39 @@ from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEve
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
+from rclpy.utilities import get_rmw_implementation_identifier
 
 from .. import topics
-from ..errors import EXIT_FAILED
+from ..errors import EXIT_FAILED, TrunkError
 from ..events import Event
 from ..parameters.config import ManagedConfig
 from ..parameters.declarations import values_of
 from ..samples import Value
-from ..source import process_id, source
+from ..source import HeldError, claimed, is_older, local_pid, process_id, same_machine, source
 from ..text import printable
-from . import qos, replayable
+from . import middleware, qos, replayable
 from .conversions import status_to_ros
 from .discovery import Waiting
-from .duplicate_node import UniqueNode
-from .managed import ENDING
+from .managed import ENDING, ManagedNode
 from .ros_parameters import NodeParameters
 
 Config = TypeVar("Config", bound=ManagedConfig)
 
+# Of two on different machines without a run, one that is configured for so long is not the newcomer;
+# multiplied by TRUNK_PATIENCE.
+_SETTLED_S = 3.0
+# A node that the graph shows under one's own name says within this time who it is; one that was killed says
+# nothing. Multiplied by TRUNK_PATIENCE.
+_SPEAKS_S = 1.0
 
-class TrunkNode(UniqueNode, Generic[Config]):
+
+class DuplicateNodeError(TrunkError):
+    """Another process of this machine has a node of this name."""
+
+    exit_code: ClassVar[int] = EXIT_FAILED
+
+
+class TrunkNode(ManagedNode, Generic[Config]):
     """A managed node with a checked configuration that reports to the recording what happens to it.
 
     Parameters, run events and diagnostics exist from the beginning; a subclass implements `set_up`,
@@ -43,6 +56,8 @@ class TrunkNode(UniqueNode, Generic[Config]):
 
     ``source`` names the node and its process in everything of it that is recorded; in lock-step it is empty,
     and so it is while a node does not know that it is in real time.
+
+    Of two nodes of one name in a namespace and domain the older one stays: a recording would mix them.
     """
 
     def __init__(self, name: str, config_class: type[Config]) -> None:
@@ -52,6 +67,9 @@ class TrunkNode(UniqueNode, Generic[Config]):
         self._born_s = time.monotonic()
         self._replayable: list[replayable.ReplayablePublisher] = []
         self._accounted = False
+        self._configured_s = time.monotonic()
+        self._doubled_since_s: float | None = None
+        self._duplicate_seen = False
         self._refused: set[str] = set()  # kinds of messages
         self._waiting = Waiting()
         self._waits_for = ""
@@ -61,7 +79,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
         self._parameters_set = NodeParameters(
             self, config_class, self._on_parameters, lambda: ENDING if self.ending else ""
         )
-        self.claim_name()  # before anything is published
+        self._claim_name()  # before anything is published
         self._parameters_topic = self.create_publisher(
             ParameterEvent, topics.RUN_PARAMETERS, qos.run_information()
         )
@@ -76,6 +94,26 @@ class TrunkNode(UniqueNode, Generic[Config]):
         self._say_parameters(0)
         self._diagnostics_timer = self.every(1.0, self._every_second)
         self.keep_permanent()
+
+    def _claim_name(self) -> None:
+        """Hold the name against later processes of this machine. Raises DuplicateNodeError if one has it.
+
+        Those are not told by events: what a newcomer publishes until it hears of the older node would
+        already be in the run. Only processes that hear one another compete: of one domain and middleware.
+        """
+        name = self.get_fully_qualified_name()
+        heard = f"{get_rmw_implementation_identifier()} {self.context.get_domain_id()}"
+        try:
+            self._claim = claimed(f"node {heard} {name}")
+        except HeldError as error:
+            self.destroy_node()
+            raise DuplicateNodeError(_reason(name, str(error))) from None
+        self._processes = {name: process_id()}  # of nodes by name: the oldest that is alive
+
+    @property
+    def leads_a_run(self) -> bool:
+        """True while a run of this node's own is under way."""
+        return False
 
     def autostart(self) -> None:
         """Configure and activate if the parameter ``autostart`` says so. Raises ParameterError."""
@@ -151,7 +189,8 @@ class TrunkNode(UniqueNode, Generic[Config]):
 
     def event(self, message: Event, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
         """Publish a run event; the recorder records it."""
-        super().event(message, level, **values)
+        if message == Event.CONFIGURED:
+            self._configured_s = time.monotonic()
         self._events_topic.publish(
             status_to_ros(
                 self.run_stamp_ns,
@@ -244,4 +283,79 @@ class TrunkNode(UniqueNode, Generic[Config]):
         self.account()
         replayable.await_acknowledgement(self, self._born_s, self._replayable)
         self.destroy_node()
-        self.release_name()
+        self._claim.close()
+
+    # A second node of one name, on another machine: the newcomer ends as soon as it knows.
+
+    def look_for_duplicate(self, node: str, message: str, values: Mapping[str, str]) -> None:
+        """End this node if an event shows that an older one has its name.
+
+        Of two on one machine the processes' identities tell which is older. Of others, the one whose run is
+        under way stays, and so does one that has been configured for a while.
+        """
+        process = values.get("process", "")
+        if (
+            message != Event.CONFIGURED
+            or node != self.get_fully_qualified_name()
+            or process in ("", process_id())
+            or self.exit_code is not None
+            or not self._is_alive(node, process)
+        ):
+            return
+        self._duplicate_seen = True
+        first = is_older(process_id(), process)
+        if first is None:
+            waited = time.monotonic() - self._configured_s
+            first = self.leads_a_run or waited > _SETTLED_S * middleware.patience()
+        if first:
+            self.get_logger().warning(
+                f"a second {node} was started, in process {printable(process)}: it ends by itself"
+            )
+        elif self.leads_a_run:
+            self.fail(_reason(node, process))
+        else:  # without an event: the older node's recording would take it for that node's
+            self.get_logger().error(printable(_reason(node, process)))
+            self.exit_code = EXIT_FAILED
+
+    def may_be_second(self) -> bool:
+        """Return True, for a bounded time, while the graph shows another node of this name that is silent."""
+        if self._duplicate_seen or not self._is_doubled(self.get_fully_qualified_name()):
+            self._doubled_since_s = None
+            return False
+        if self._doubled_since_s is None:
+            self._doubled_since_s = time.monotonic()
+        return time.monotonic() - self._doubled_since_s < _SPEAKS_S * middleware.patience()
+
+    def is_second(self, node: str, process: str) -> bool:
+        """Return True for the process of a node whose name an older process that is alive has: it ends.
+
+        A node is not a second one if its process is not known.
+        """
+        first = self._processes.get(node, "")
+        if not process or process == first:
+            return False
+        if first and not is_older(process, first) and self._is_alive(node, first):
+            return True
+        self._processes[node] = process
+        return False
+
+    def _is_alive(self, node: str, process: str) -> bool:
+        """Return True for a node's process, and False if an old recording is being played.
+
+        A process on another machine cannot be looked up: there the graph must show two nodes of the name.
+        """
+        if same_machine(process):
+            return local_pid(process) is not None
+        return self._is_doubled(node)
+
+    def _is_doubled(self, node: str) -> bool:
+        """Return True if the graph shows more than one node of a name."""
+        namespace, _, name = node.rpartition("/")
+        return self.get_node_names_and_namespaces().count((name, namespace or "/")) > 1
+
+
+def _reason(node: str, process: str) -> str:
+    return (
+        f"another {node} is running, in process {process or 'unknown'}: stop it, or give each its own "
+        "namespace or ROS_DOMAIN_ID"
+    )

@@ -13,7 +13,7 @@ from ...console.options import Number
 from ...console.tables import print_table
 from ...errors import PlanError
 from ...plans.files import checked_namespace
-from ...runs.processes import check_nodes_installed, claimed_domain
+from ...runs.node_processes import check_nodes_installed, claimed_domain
 
 
 @click.command("check-node")

@@ -6,12 +6,10 @@ import ctypes
 import os
 import shutil
 import signal
-import socket
-import struct
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -19,42 +17,28 @@ from typing import BinaryIO, Protocol, TypeVar
 
 from trunk_msgs_util.cpu_deadline import CpuDeadline
 from trunk_msgs_util.node import early_signals
-from trunk_msgs_util.source import process_id
+from trunk_msgs_util.source import HeldError, claimed, process_id
 
 from ..errors import ExecutableError, RunError
-
-_CREDENTIALS = struct.Struct("3i")  # pid, uid, gid: unix(7), SO_PEERCRED
 
 
 @contextmanager
 def claimed_domain() -> Iterator[None]:
     """Hold this machine's ROS domain, which ``ROS_DOMAIN_ID`` names, for one run.
 
-    An abstract socket of Linux is the token: it leaves no file, is free again as soon as its process is gone,
-    and is seen where DDS on this machine is seen, in one network namespace. Raises RunError naming
-    the process that holds it.
+    Raises RunError naming the process that holds it.
     """
     domain = int(os.environ.get("ROS_DOMAIN_ID") or 0)
-    name = f"\0trunk run, ROS domain {domain}"
-    with socket.socket(socket.AF_UNIX) as token:
-        try:
-            token.bind(name)
-            token.listen()
-        except OSError as error:
-            raise RunError(
-                f"another run is under way in ROS domain {domain}{_holder(name)}: stop it or wait for its "
-                "end, or set ROS_DOMAIN_ID to another number"
-            ) from error
+    try:
+        token = claimed(f"run {domain}")
+    except HeldError as error:
+        holder = f", in process {error}" if str(error) else ""
+        raise RunError(
+            f"another run is under way in ROS domain {domain}{holder}: stop it or wait for its "
+            "end, or set ROS_DOMAIN_ID to another number"
+        ) from None
+    with token:
         yield
-
-
-def _holder(name: str) -> str:
-    with suppress(OSError), socket.socket(socket.AF_UNIX) as asked:
-        asked.setblocking(False)  # its process need not answer
-        asked.connect(name)
-        credentials = asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-        return f", in process {_CREDENTIALS.unpack(credentials)[0]}"
-    return ""
 
 
 _PR_SET_PDEATHSIG = 1
@@ -196,15 +180,15 @@ class Stoppable(Protocol):
         """Send a signal where the process still runs."""
 
 
-Process = TypeVar("Process", bound=Stoppable)
+Ending = TypeVar("Ending", bound=Stoppable)
 
 
 def stop(
-    first: Sequence[Process],
-    last: Sequence[Process],
+    first: Sequence[Ending],
+    last: Sequence[Ending],
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
-) -> list[Process]:
+) -> list[Ending]:
     """Tell all of ``first`` to end, and ``last`` when they have; kill those that do not.
 
     ``last`` is the recorder: it has to record the others' last messages. Return those that had to be killed;
@@ -216,8 +200,8 @@ def stop(
 
 
 def _end(
-    processes: Sequence[Process], limits: Sequence[CpuDeadline], sleep: Callable[[float], None]
-) -> list[Process]:
+    processes: Sequence[Ending], limits: Sequence[CpuDeadline], sleep: Callable[[float], None]
+) -> list[Ending]:
     for process in processes:
         process.signal(signal.SIGINT)
     while hung := _left(processes):
@@ -233,7 +217,7 @@ def _end(
     return hung
 
 
-def _left(processes: Sequence[Process]) -> list[Process]:
+def _left(processes: Sequence[Ending]) -> list[Ending]:
     return [process for process in processes if not process.ended]
 
 

@@ -9,11 +9,11 @@ import uuid
 
 import pytest
 
-from trunk_msgs_util.node.duplicate_node import HeldError, claimed
+from trunk_msgs_util.source import HeldError, claimed
 
 HOLD = """
 import sys
-from trunk_msgs_util.node.duplicate_node import claimed
+from trunk_msgs_util.source import claimed
 token = claimed(sys.argv[1])
 print("held", flush=True)
 sys.stdin.read()
