@@ -25,7 +25,7 @@ if [[ -e $out && ! -e $out/sitemap.xml && -n $(ls -A "$out") ]]; then
 fi
 labs=$PWD/.venv/.labs
 make_lab() { # NAME SCENARIO ARGUMENTS...
-    (source scripts/env.sh && trunk export-web "${@:2}" -o "$labs/$1.html" --force >&2)
+    (source scripts/env.sh && trunk lab "${@:2}" -o "$labs/$1.html" --force >&2)
 }
 if [[ -z ${TRUNK_LABS:-} ]] && ! command -v clang wasm-ld >/dev/null && ! .venv/bin/python -c 'import ziglang' 2>/dev/null; then
     echo 'docs: clang or lld not found (requirements/lab.txt brings them): the site has no labs' >&2

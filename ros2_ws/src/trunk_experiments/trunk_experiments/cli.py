@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from contextlib import suppress
 from signal import SIGINT
-from typing import TYPE_CHECKING, TextIO, cast
+from typing import TextIO, cast
 
 import click
 
@@ -20,10 +20,7 @@ from .console.terminal import (
     show_warnings,
 )
 from .console.verbs import LazyVerbs
-from .errors import PlanError, did_you_mean, show_warnings_plainly
-
-if TYPE_CHECKING:
-    from click.shell_completion import CompletionItem
+from .errors import did_you_mean, show_warnings_plainly
 
 # The verbs by family, each with one line for the overview (which thus imports nothing).
 _FAMILIES = {
@@ -36,19 +33,18 @@ _FAMILIES = {
     },
     "look": {
         "list": "List runs, scenarios, files, studies, controllers.",
-        "info": "Show what is in a recording.",
+        "info": "Show what is in a recording, and what is wrong with it.",
         "metrics": "Print a recorded run's metrics.",
         "compare": "Compare recorded runs side by side.",
         "explain": "Explain why a run had this torque at this instant.",
         "plot": "Draw recorded runs as PNG, SVG or PDF.",
         "report": "Write recorded runs as one HTML page.",
         "watch": "Play a recording in a browser.",
-        "export": "Write a run as CSV, Parquet, npz, MCAP; or rules.",
+        "export": "Write a run as CSV, Parquet, npz, MCAP, GIF, MP4.",
     },
     "trust": {
         "verify": "Recompute a recorded run from its own data.",
         "diff": "Find where two recorded runs diverge, bit by bit.",
-        "doctor": "Report what is wrong with a recording, and where.",
         "recover": "Write a valid file from a broken one.",
         "sign": "Sign a recording's content with your key; make a key.",
     },
@@ -62,15 +58,28 @@ _FAMILIES = {
         "params": "List the nodes' parameters; change a running node's.",
         "margins": "How far gains are from instability; Bode, Nyquist.",
         "tune": "Compute gains and their margins, as a parameter file.",
-        "import": "Take over rules of MATLAB, Octave, fuzzylite.",
+        "rules": "Read rules of MATLAB, Octave, fuzzylite; write them.",
         "controller": "Make a controller of your own, and check it.",
         "export-c": "Write a controller as C, equal to the last bit.",
-        "export-web": "Write a scenario as a lab in one HTML file.",
+        "lab": "Write a scenario as a lab in one HTML file.",
     },
 }
 OVERVIEW = {verb: line for verbs in _FAMILIES.values() for verb, line in verbs.items()}
 # Verbs of earlier versions, and what does their work now.
-_GONE = {"fit": "run examples/fit_hip_path.py"}
+_GONE = {
+    "bench": "python -m benchmarks, in a checkout",
+    "doctor": "trunk info --check RUN",
+    "export-web": "trunk lab SCENARIO",
+    "fit": "python examples/fit_hip_path.py",
+    "help": "trunk VERB --help",
+    "import": "trunk rules read FILE",
+}
+
+_EXAMPLES = (
+    "trunk simulate demo --controller fuzzy_pid -o run.mcap",
+    "trunk verify run.mcap",
+    "trunk report run.mcap",
+)
 
 # Prefixes and suffixes of ROS 2's module names.
 _ROS = ("rcl", "rosidl", "ament_", "launch"), ("_msgs", "_interfaces", "_srvs")
@@ -79,12 +88,11 @@ _ROS = ("rcl", "rosidl", "ament_", "launch"), ("_msgs", "_interfaces", "_srvs")
 class _Trunk(LazyVerbs):
     """All verbs, by family."""
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        return _help if cmd_name == _help.name else super().get_command(ctx, cmd_name)
-
     def unknown(self, ctx: click.Context, name: str) -> str:
-        meant = did_you_mean(name, (*self.list_commands(ctx), "help"))
-        return f"no verb {name!r}: {_GONE.get(name) or f'trunk help lists them all{meant}'}"
+        if name in self.gone:
+            return super().unknown(ctx, name)
+        meant = did_you_mean(name, self.list_commands(ctx))
+        return f"no verb {name!r}: trunk lists them all{meant}"
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the families side by side with their verbs: an overview of one screen."""
@@ -93,13 +101,8 @@ class _Trunk(LazyVerbs):
             for verb, line in verbs.items():
                 formatter.write(f"{family:9}  {verb:10}  {line}\n")
                 family = ""
-        formatter.write("\nFor a verb's options: trunk help VERB.\n")
-
-    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        from click.shell_completion import CompletionItem
-
-        helps = [CompletionItem("help")] if "help".startswith(incomplete) else []
-        return [*super().shell_complete(ctx, incomplete), *helps]
+        formatter.write("\nFor a verb's options: trunk VERB --help. To begin with:\n")
+        formatter.write("".join(f"  {example}\n" for example in _EXAMPLES))
 
 
 def _warn_of_unusable() -> None:
@@ -117,50 +120,12 @@ def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> 
         context.exit()
 
 
-def _below(context: click.Context, words: list[str]) -> click.Context:
-    """Return the context of a verb below another's. Raises PlanError if there is none."""
-    while words:
-        if not isinstance(context.command, click.Group):
-            raise PlanError(f"{context.command_path} {words[0]!r}: it has no verbs of its own")
-        name, verb, words = context.command.resolve_command(context, words)
-        if verb is None:  # a shell completes below a verb that does not exist
-            raise PlanError(f"no verb {name!r}")
-        resilient = context.resilient_parsing  # while a shell completes
-        context = click.Context(verb, context, name, resilient_parsing=resilient)
-    return context
-
-
-def _complete_verb(
-    context: click.Context, parameter: click.Parameter, begun: str
-) -> list[CompletionItem]:
-    """Complete the next of a verb's words."""
-    words = list(context.params.get(parameter.name) or ())
-    try:
-        verb = _below(context.find_root(), words)
-    except PlanError:
-        return []
-    return verb.command.shell_complete(verb, begun) if isinstance(verb.command, click.Group) else []
-
-
-@click.command("help")
-@click.argument("words", metavar="[VERB]...", nargs=-1, shell_complete=_complete_verb)
-@click.pass_context
-def _help(context: click.Context, words: tuple[str, ...]) -> None:
-    """Explain a verb, as VERB --help does, or list all verbs."""
-    click.echo(_below(context.find_root(), list(words)).get_help())
-
-
 @click.group(
     cls=_Trunk,
     package=f"{__package__}.commands",
-    modules={
-        "sweep": "study.sweep",
-        "export": "exchange.export",
-        "import": "exchange.import_rules",
-        "export-c": "exchange.export_c",
-        "export-web": "exchange.export_web",
-    },
+    modules={"sweep": "study.sweep", "export-c": "export_c"},
     overview=OVERVIEW,
+    gone=_GONE,
     options_metavar="[--version]",
     subcommand_metavar="VERB [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -1,8 +1,9 @@
-"""``trunk info``: what is in a recording, and whether it is complete."""
+"""``trunk info``: what is in a recording, whether it is complete, and with --check what is wrong with it."""
 
 from __future__ import annotations
 
 import textwrap
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,10 @@ from ..console.reading import reading, run_values
 from ..console.tables import aligned
 from ..console.terminal import show_warnings
 from ..recorded.run import RecordedRun
+from ..replay.doctor import ERROR, INFO, WARNING, Finding, findings
 from ..replay.doubts import doubts_of
 
+FINE, FINDINGS = 0, 1  # exit codes of --check
 _WIDTH = 80
 _UNITS = ("B", "kB", "MB", "GB", "TB")
 
@@ -115,17 +118,26 @@ def _state(content: dict[str, Any]) -> str:
     """Return a word on a recording's completeness, and its source."""
     if content["checked"]:
         return f"complete ({content['end']['reason']})"
-    return "complete by its index; trunk doctor checks the content"
+    return "complete by its index; --check reads the content"
 
 
 @click.command("info")
 @click.argument("run", type=click.Path(path_type=Path))
-@json_option("info-1")
-def command(run: Path, as_json: bool) -> None:
+@click.option(
+    "--check",
+    is_flag=True,
+    help="Read all of it, and report what is wrong: checksums, indexes, stamps, gaps, values, digests.",
+)
+@json_option("info-1", "doctor-1")
+@click.pass_context
+def command(context: click.Context, run: Path, check: bool, as_json: bool) -> None:
     """Show what is in a recording, an MCAP file or a rosbag2 folder, and whether it is complete.
 
-    Long files are judged by their indexes, in an instant.
+    Long files are judged by their indexes, in an instant. Exit code of --check: 0 nothing wrong, 1 findings,
+    2 unreadable.
     """
+    if check:
+        context.exit(_checked(run, as_json))
     with reading(run) as tell:
         recording = Recording.open_by_summary(run, tell)
     recorded = RecordedRun(recording)
@@ -165,3 +177,30 @@ def command(run: Path, as_json: bool) -> None:
     header = ("topic", "type", "messages", "rate, Hz", "gap, ms", "size")
     click.echo("\n".join([*aligned([header, *rows], texts=2), ""]))
     click.echo("\n".join(_pairs(content["provenance"]) or ["no provenance"]))
+
+
+def exit_code(problems: list[Finding]) -> int:
+    """Return 0 if there is nothing but information, 1 otherwise."""
+    return FINDINGS if any(f.severity in (ERROR, WARNING) for f in problems) else FINE
+
+
+def _checked(run: Path, as_json: bool) -> int:
+    """Report what is wrong with a recording; return the exit code."""
+    with reading(run, "examining") as tell:
+        recorded = RecordedRun(Recording.open(run, tell, whole=True))
+        problems = findings(recorded)
+    code = exit_code(problems)
+    if as_json:
+        shown = [asdict(finding) for finding in problems]
+        write_json("doctor-1", {**run_values(recorded), "fine": code == FINE, "findings": shown})
+    else:
+        for finding in problems:
+            click.echo(f"{finding.severity:7}  {finding.describe()}")
+        counts = {s: sum(f.severity == s for f in problems) for s in (ERROR, WARNING, INFO)}
+        counted = ", ".join(
+            f"{n} {s}{'s' * (n != 1 and s != INFO)}" for s, n in counts.items() if n
+        )
+        click.echo(
+            f"{run}: {'fine' if code == FINE else 'findings'}{f' ({counted})' if counted else ''}"
+        )
+    return code

@@ -53,7 +53,7 @@ def command(
     from ..paper.reproduction import reproduce
     from ..paper.runs import FIGURES
     from ..runs.node_processes import check_nodes_installed
-    from .exchange.export_web import write_lab
+    from .lab import write_lab
 
     if graph:
         check_nodes_installed()

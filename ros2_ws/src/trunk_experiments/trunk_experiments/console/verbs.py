@@ -17,7 +17,12 @@ _WHOLE = 10_000  # characters of a first sentence; click would cut it at the lin
 
 
 class Verbs(click.Group):
-    """A group that lists its verbs if an unknown one is given."""
+    """A group that lists its verbs if an unknown one is given, and of an old one what does its work now."""
+
+    def __init__(self, *args: Any, gone: Mapping[str, str] | None = None, **kwargs: Any) -> None:
+        """``gone``: what is typed now, by the old verb."""
+        super().__init__(*args, **kwargs)
+        self.gone = gone or {}
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -29,6 +34,9 @@ class Verbs(click.Group):
 
     def unknown(self, ctx: click.Context, name: str) -> str:
         """Return the error for a name that no verb has."""
+        if name in self.gone:
+            words = f"trunk {self.name}".replace("trunk trunk", "trunk")
+            return f"{words} {name} is now: {self.gone[name]}"
         verbs = self.list_commands(ctx)
         known = ", ".join(verbs)
         return f"trunk {self.name} {name!r}: give one of {known}{did_you_mean(name, verbs)}"
@@ -42,42 +50,6 @@ class Verbs(click.Group):
         """Return each verb's line for the overview: the first sentence of its help."""
         commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
         return {name: verb.get_short_help_str(_WHOLE) for name, verb in commands.items() if verb}
-
-
-class VerbWithVerbs(Verbs):
-    """A verb with arguments of its own, unless the first is one of its verbs."""
-
-    allow_interspersed_args = True
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self.invoke_without_command = True
-        self.subcommand_metavar = ""
-
-    def make_context(
-        self,
-        info_name: str | None,
-        args: list[str],
-        parent: click.Context | None = None,
-        **extra: Any,
-    ) -> click.Context:
-        """Return the context of one of the verbs, else of the verb itself."""
-        verb = self.commands.get(args[0]) if args else None
-        if verb is None:
-            return super().make_context(info_name, args, parent, **extra)
-        return verb.make_context(args[0], args[1:], click.Context(self, parent, info_name), **extra)
-
-    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Return the verb's own parameters, none in the usage of one of its verbs."""
-        return super().get_params(ctx) if ctx.command is self else []
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Take the arguments as a verb without verbs does."""
-        return click.Command.parse_args(self, ctx, args)
-
-    def invoke(self, ctx: click.Context) -> Any:
-        """Do what the verb itself does."""
-        return click.Command.invoke(self, ctx)
 
 
 class LazyVerbs(Verbs):

@@ -43,7 +43,7 @@ class RuleEngine:
             fuzzylite = import_module("fuzzylite")
         except ImportError:
             raise NotInstalledError(
-                "trunk import fuzzy needs pyfuzzylite: pip install --no-deps pyfuzzylite"
+                "trunk rules read needs pyfuzzylite: pip install --no-deps pyfuzzylite"
             ) from None
         self._path = path
         self._held: set[str] = set()  # outputs that keep their last value where no rule fires

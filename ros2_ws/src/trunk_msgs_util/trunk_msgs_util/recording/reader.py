@@ -476,7 +476,7 @@ class Recording(Bag):
             if len(filling) != counted:
                 raise RecordingError(
                     f"{self.path}: {topic} has {len(filling)} messages, {counted} were counted: "
-                    "its index is wrong (trunk doctor) or the file has changed: open it again"
+                    "its index is wrong (trunk info --check) or the file has changed: open it again"
                 )
             # Answers have the stamps of what they answer: they share memory.
             known = [table.stamp_ns for table in tables.values()]

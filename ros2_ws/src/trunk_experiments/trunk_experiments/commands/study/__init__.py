@@ -11,13 +11,13 @@ from ...console.verbs import LazyVerbs
     "study",
     cls=LazyVerbs,
     package=__name__,
+    gone={"sensitivity": "trunk sweep STUDY --sobol N"},
     overview={
         "map": "Draw a sweep's results over two of its grid's variables.",
         "compare": "Compare a sweep's controllers over the same draws.",
         "report": "Write one HTML file on a sweep: falls, map, differences, the worst runs.",
         "show": "Run one of a sweep's runs again, as a recording that verifies.",
-        "sensitivity": "Show which drawn parameter of a study matters: Sobol indices.",
     },
 )
 def command() -> None:
-    """Read a study: a map, controllers compared, a report, one of its runs, which parameter matters."""
+    """Read a study: a map, controllers compared, a report, one of its runs."""

@@ -1,4 +1,4 @@
-"""``trunk sweep``: many compiled runs of a study, into one Parquet file."""
+"""``trunk sweep``: many compiled runs of a study, into one Parquet file, or which parameter matters."""
 
 from __future__ import annotations
 
@@ -9,21 +9,28 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ...analysis.metrics import QUANTITIES
 from ...console.document import json_option, write_json
 from ...console.options import device_option, names_or_files, studies
 from ...console.outputs import check_output, output_options
 from ...console.progress import progress_bar
+from ...console.tables import print_table
 from ...console.terminal import show_warnings
 from ...errors import PlanError
 
 if TYPE_CHECKING:
     from ...batch.kernel import OnDevice
+    from ...study.compare import Estimate
+    from ...study.sensitivity import Sensitivity
     from ...study.sweep import Runner, SweepJob
+
+_METRICS = ("iae", "effort", "peak_torque")  # of --sobol
+_HEADER = ("parameter", "first order [95 %]", "total [95 %]")
 
 
 @click.command("sweep")
 @click.argument("study", shell_complete=names_or_files(studies))
-@output_options("The Parquet file to write.", required=True)
+@output_options("The Parquet file to write; needed without --sobol.")
 @click.option(
     "--jobs",
     type=click.IntRange(1, 1024),
@@ -36,25 +43,55 @@ if TYPE_CHECKING:
 )
 @device_option
 @click.option("--check", is_flag=True, help="Only check the study and say what it would run.")
-@json_option("sweep-1")
+@click.option(
+    "--sobol",
+    type=int,
+    metavar="N",
+    help="Instead print which drawn parameter matters: Sobol indices by N base points, a power of two; each "
+    "controller takes N times (entries + 2) runs.",
+)
+@click.option(
+    "--metric",
+    "metrics",
+    multiple=True,
+    help=f"With --sobol: a metric; repeatable. Falls always come first.  [default: {', '.join(_METRICS)}]",
+)
+@json_option("sweep-1", "study-sensitivity-1")
 def command(
     study: str,
-    output: Path,
+    output: Path | None,
     force: bool,
     jobs: int | None,
     scheduler: str | None,
     device: str,
     check: bool,
+    sobol: int | None,
+    metrics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Run STUDY, a YAML file or a shipped study's name: grids and seeded draws over parameters.
 
     A sweep that was interrupted, even by kill -9, resumes when the same command is given
     again. The same study gives the same file, however it was run.
+
+    --sobol: the share of a metric's variance due to a drawn parameter alone, and with its interactions. A run
+    that fell counts as the worst of those that stood; how many fell is shown first.
     """
     from ...study.study import read_study
     from ...study.sweep import SweepJob
 
+    if sobol is not None:
+        for option, given in (("--output", output), ("--scheduler", scheduler), ("--check", check)):
+            if given:
+                raise PlanError(
+                    f"--sobol writes no file and goes on no cluster: leave {option} out"
+                )
+        _print_indices(study, sobol, metrics, jobs, device, as_json)
+        return
+    if metrics:
+        raise PlanError("--metric is for --sobol: give that too")
+    if output is None:
+        raise PlanError("give --output FILE.parquet, or --sobol N")
     check_output(output, (".parquet",), force, [study])
     check_device(device, jobs, scheduler)
     sweep = SweepJob(read_study(study), output)
@@ -141,3 +178,74 @@ def runner_of(
     if scheduler is not None:
         return dask_runner(scheduler)
     return processes(max(1, min(jobs or len(os.sched_getaffinity(0)), blocks)))
+
+
+def _print_indices(
+    study: str, n: int, metrics: tuple[str, ...], jobs: int | None, device: str, as_json: bool
+) -> None:
+    from ...study.rows import make_bases
+    from ...study.sensitivity import check_sensitivity, sensitivities, total_runs
+    from ...study.study import read_study
+
+    check_device(device, jobs)
+    read = read_study(study)
+    wanted = tuple(dict.fromkeys(metrics)) or _METRICS
+    check_sensitivity(read, n, wanted)
+    bases = make_bases(read)
+    show_warnings(dict.fromkeys(text for base in bases.values() for text in base.warnings))
+    runs = total_runs(read, n)
+    maker = maker_on(device)
+    runner = runner_of(maker, jobs, None, -(-runs // read.block))
+    with progress_bar("runs") as tell:
+        results = sensitivities(read, bases, n, wanted, runner, tell)
+    show_warnings(maker.remarks() if maker else [])
+    if as_json:
+        values = {
+            "study": study,
+            "n": n,
+            "runs": runs,
+            "indices": [as_values(result) for result in results],
+        }
+        write_json("study-sensitivity-1", values)
+        return
+    click.echo(f"{study}: {runs} runs, n = {n}\n")
+    for result in results:
+        _show(result)
+
+
+def as_values(result: Sensitivity) -> dict[str, object]:
+    """Return one metric's indices as plain values."""
+    return {
+        "controller": result.controller,
+        "metric": result.metric,
+        "runs": result.runs,
+        "fell": result.fell,
+        "filled": result.filled,
+        "doubtful": result.doubtful,
+        "parameters": [
+            {"name": i.parameter, "first": i.first._asdict(), "total": i.total._asdict()}
+            for i in result.indices
+        ],
+    }
+
+
+def _show(result: Sensitivity) -> None:
+    from ...study.compare import FELL
+
+    name = "how often it fell" if result.metric == FELL else QUANTITIES[result.metric].label
+    title = f"{result.controller}: {name}"
+    if result.metric == FELL:
+        title += f" ({result.fell} of {result.runs} runs)"
+    elif result.filled:
+        title += f" ({result.filled} of {result.runs} runs have none and count as the worst)"
+    if result.doubtful:
+        title += ": doubtful"
+    if not result.indices:
+        click.echo(f"{title}: the same in all runs: no parameter matters\n")
+        return
+    rows = [(i.parameter, _text(i.first), _text(i.total)) for i in result.indices]
+    print_table(title, _HEADER, rows)
+
+
+def _text(estimate: Estimate) -> str:
+    return f"{estimate.value:.2f} [{estimate.low:.2f}…{estimate.high:.2f}]"

@@ -9,7 +9,7 @@ const checkValue = (lab, node, name, value, present = {}) => {
   const knob = lab.knobs[node]?.[name];
   if (!knob) {
     const reason = lab.declared[node]?.[name]?.refused;
-    return `${where}: ${reason ? `no knob: ${reason}: give it to trunk export-web` : "there is no such parameter"}`;
+    return `${where}: ${reason ? `no knob: ${reason}: give it to trunk lab` : "there is no such parameter"}`;
   }
   if (knob.labels) return checkRules(where, knob, value);
   const values = knob.array ? value : [value];

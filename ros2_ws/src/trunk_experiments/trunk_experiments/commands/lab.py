@@ -1,4 +1,4 @@
-"""``trunk export-web``: a scenario as a lab in one HTML file."""
+"""``trunk lab``: a scenario as a lab in one HTML file."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import click
 
 from trunk_msgs_util.parameters.declarations import values_of
 
-from ...console.document import json_option, write_json
-from ...console.outputs import check_output, output_options
-from ...console.plan_options import HAND, files_read, plan_of, plan_options, push_option
-from ...errors import PlanError
-from ...plans.files import parse_setting
-from ...plans.plan import RunPlan
+from ..console.document import json_option, write_json
+from ..console.outputs import check_output, output_options
+from ..console.plan_options import HAND, files_read, plan_of, plan_options, push_option
+from ..errors import PlanError
+from ..plans.files import parse_setting
+from ..plans.plan import RunPlan
 
 _OF_SEVERAL = (
     "A controller of the lab; they run side by side, each on a trunk of its own; repeatable."
 )
 
 
-@click.command("export-web")
+@click.command("lab")
 @partial(plan_options, several=("pid", "fuzzy_pid"), of_several=_OF_SEVERAL)
 @push_option
 @click.option(
@@ -80,7 +80,7 @@ def write_lab(
 
     Raises PlanError, ParameterError, UntranslatableError and OSError.
     """
-    from ...lab.data import lab_of, write
+    from ..lab.data import lab_of, write
 
     unset = {"params": (), "settings": (), "pushes": (), "duration": None, "rate": None}
     plans, commands = {}, {}

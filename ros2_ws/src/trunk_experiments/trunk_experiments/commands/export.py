@@ -1,4 +1,4 @@
-"""``trunk export``: a recorded run, or a part of it, in other formats; ``trunk export fuzzy``: rules."""
+"""``trunk export``: a recorded run, or a part of it, in other formats."""
 
 from __future__ import annotations
 
@@ -9,19 +9,17 @@ from typing import Any
 
 import click
 
-from ...analysis.run_table import RunTable, all_columns, column_units
-from ...console.document import json_option, write_json
-from ...console.options import Number
-from ...console.outputs import FORCE, check_output
-from ...console.reading import open_run, run_values, show_damage
-from ...console.verbs import VerbWithVerbs
-from ...views.extract import window, write_csv, write_mcap, write_npz, write_parquet
-from .export_rules import command as rules_command
+from ..analysis.run_table import RunTable, all_columns, column_units
+from ..console.document import json_option, write_json
+from ..console.options import Number
+from ..console.outputs import FORCE, check_output
+from ..console.reading import open_run, run_values, show_damage
+from ..views.extract import window, write_csv, write_mcap, write_npz, write_parquet
 
 _FORMATS = (".csv", ".parquet", ".npz", ".gif", ".mp4", ".mcap")
 
 
-@click.group("export", cls=VerbWithVerbs)
+@click.command("export")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
     "-o",
@@ -88,7 +86,7 @@ def command(
         elif suffix == ".npz":
             write_npz(table, output)
         else:
-            from ...views.film import write_gif, write_mp4
+            from ..views.film import write_gif, write_mp4
 
             write = write_gif if suffix == ".gif" else write_mp4
             write(table, recorded.parameters.get("simulator", {}), output)
@@ -104,6 +102,3 @@ def command(
 def _format_of(output: Path) -> str:
     """Return the suffix that says what is written: what is no file, such as /dev/stdout, takes CSV."""
     return ".csv" if output.is_relative_to("/dev") else output.suffix.lower()
-
-
-command.add_command(rules_command)

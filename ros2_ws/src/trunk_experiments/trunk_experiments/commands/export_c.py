@@ -14,16 +14,16 @@ from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.parameters.files import Layer, Section, check_names, read
 
-from ...console.document import json_option, write_json
-from ...console.outputs import check_folder, check_not_read, output_options
-from ...console.plan_options import ControllerName, parameter_options
-from ...console.reading import open_run
-from ...console.terminal import show_warnings
-from ...errors import PlanError
-from ...plans.files import config_from, find_file, parse_setting
-from ...plans.nodes import declared_names
-from ...plans.plan import suspicious_units
-from ...recorded.run import RecordedRun
+from ..console.document import json_option, write_json
+from ..console.outputs import check_folder, check_not_read, output_options
+from ..console.plan_options import ControllerName, parameter_options
+from ..console.reading import open_run
+from ..console.terminal import show_warnings
+from ..errors import PlanError
+from ..plans.files import config_from, find_file, parse_setting
+from ..plans.nodes import declared_names
+from ..plans.plan import suspicious_units
+from ..recorded.run import RecordedRun
 
 
 @click.command("export-c")
@@ -60,9 +60,9 @@ def command(
 
     Without --params, --set and --like its parameters are the defaults.
     """
-    from ...export_c.controller import ExportedController
-    from ...export_c.files import base_files, check_name
-    from ...export_c.replay import bare_rows, recorded_rows, swinging_rows
+    from ..export_c.controller import ExportedController
+    from ..export_c.files import base_files, check_name
+    from ..export_c.replay import bare_rows, recorded_rows, swinging_rows
 
     name = check_name(controller if name is None else name)
     check_folder(output, force)

@@ -1,32 +1,36 @@
-"""``trunk import``: what other programs wrote, as parameters."""
+"""``trunk rules``: rule bases of other programs, read as parameters and written."""
 
 from __future__ import annotations
 
 import unicodedata
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
-from trunk_msgs_util.parameters.files import write
+from trunk_msgs_util.files import atomic_write
+from trunk_msgs_util.parameters.files import read, write
 
-from ...console.document import json_option, write_json
-from ...console.options import FiniteRange
-from ...console.outputs import FORCE, check_output
-from ...console.verbs import Verbs
-from ...errors import PlanError
+from ..console.document import json_option, write_json
+from ..console.options import FiniteRange
+from ..console.outputs import FORCE, check_output, output_options
+from ..console.plan_options import ControllerName, parameter_options
+from ..console.terminal import show_warnings
+from ..console.verbs import Verbs
+from ..errors import PlanError
 
 _INPUTS = {"e": "e", "e_dot": "e_dot", "ė": "e_dot"}
 _OUTPUTS = {name: name for name in ("u", "kp", "kd", "alpha")}
 _FILE = click.Path(path_type=Path)
 
 
-@click.group("import", cls=Verbs)
+@click.group("rules", cls=Verbs)
 def command() -> None:
-    """Read files of other programs."""
+    """Read rules of MATLAB, Octave, fuzzylite or IEC 61131-7, or write them."""
 
 
-@command.command("fuzzy")
+@command.command("read")
 @click.argument("file", type=_FILE)
 @click.option(
     "--input",
@@ -60,7 +64,7 @@ def command() -> None:
 )
 @click.option("--picture", type=_FILE, help="Both surfaces and their difference; .png, .svg, .pdf.")
 @json_option("import-fuzzy-1")
-def fuzzy_command(
+def read_command(
     file: Path,
     inputs: Sequence[str],
     outputs: Sequence[str],
@@ -78,18 +82,18 @@ def fuzzy_command(
     """
     check_output(target, (".yaml", ".yml"), force, [file], "-o")
     if picture is not None:
-        from ...views.plots import SUFFIXES
+        from ..views.plots import SUFFIXES
 
         check_output(
             picture, tuple(SUFFIXES), force, [file, target], "--picture", chooses_format=True
         )
     names = _pairs("--input", inputs, _INPUTS), _pairs("--output", outputs, _OUTPUTS)
-    from ...rulebase.importing import import_rules
+    from ..rulebase.importing import import_rules
 
     imported = import_rules(file, *names, tolerance)
     if picture is not None:
-        from ...rulebase.picture import draw
-        from ...views.plots import save
+        from ..rulebase.picture import draw
+        from ..views.plots import save
 
         save(draw(imported, f"{file.name}: {imported.text}"), picture)
     write(target, {imported.node: imported.values})
@@ -136,3 +140,61 @@ def _pairs(option: str, texts: Sequence[str], keys: dict[str, str]) -> dict[str,
             )
         pairs[key] = name.strip()
     return pairs
+
+
+@command.command("write")
+@click.option(
+    "--controller",
+    type=ControllerName(),
+    help="The controller that has the rules.  [default: the one in the files]",
+)
+@parameter_options
+@output_options("The file: .fis (MATLAB, Octave) or .fll (fuzzylite).", required=True)
+@json_option("export-fuzzy-1")
+def write_command(
+    controller: str | None,
+    params: Sequence[str],
+    settings: Sequence[str],
+    output: Path,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Write the rules of a controller for MATLAB, Octave or fuzzylite.
+
+    Inputs e in rad and e_dot in rad/s; outputs kp and kd from 0 to 1 and alpha, or u in N m. trunk rules
+    read takes the file back into the same parameters.
+    """
+    from ..plans.plan import make_plan
+    from ..rulebase.exporting import FORMATS, written
+
+    check_output(output, tuple(FORMATS), force, params, chooses_format=True)
+    name = controller or _named(params)
+    plan = make_plan("fig6", name, params, settings)
+    show_warnings(plan.warnings)
+    config: Any = plan.controller
+    if not hasattr(config, "tables"):
+        raise PlanError(f"--controller {name}: it has no rules: give fuzzy_pid or fuzzy")
+    text = written(config, output.suffix.lower())
+    with atomic_write(output) as part:
+        part.write_text(text, encoding="utf-8")
+    rules = len(config.error_peaks) * len(config.rate_peaks)
+    names = [table.name for table in config.tables]
+    if as_json:
+        write_json(
+            "export-fuzzy-1",
+            {"controller": name, "output": output, "rules": rules, "outputs": names},
+        )
+        return
+    click.echo(f"{output}: {rules} rules of {name} for {', '.join(names)}")
+
+
+def _named(params: Sequence[str]) -> str:
+    """Return the controller with rules whose parameters the last file has."""
+    from ..plans.files import find_file
+
+    for name in reversed(params):
+        sections = {section.last_token for section in read(find_file(name)).sections}
+        for controller in ("fuzzy", "fuzzy_pid"):
+            if controller in sections:
+                return controller
+    return "fuzzy_pid"

@@ -1,1 +1,0 @@
-"""The verbs that read and write files of other programs."""
