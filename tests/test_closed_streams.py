@@ -75,7 +75,7 @@ VERBS: Mapping[str, Arguments] = {
     **{
         f"{name}, broken": words
         for name, words in of_recording(Path("pid.mcap"), Path("base.mcap"), Path()).items()
-        if name.split()[0] in ("verify", "doctor", "recover")
+        if name.split(" --j")[0] in ("verify", "info --check", "recover")
     },
     **{f"{verb} --help": (verb, "--help") for verb in OVERVIEW},
     "--version": ("--version",),

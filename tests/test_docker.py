@@ -192,7 +192,7 @@ class TestSlim:
         run(engine, "trunk", "simulate", "demo", "--duration", "1", "-o", "b.mcap", "--force")
         told = json.loads(run(engine, "trunk", "info", "b.mcap", "--json").stdout)
         assert told["provenance"]["commit"] == about["revision"]
-        assert "no commit" not in run(engine, "trunk", "doctor", "b.mcap").stdout
+        assert "no commit" not in run(engine, "trunk", "info", "--check", "b.mcap").stdout
 
     def test_the_page_of_a_published_port(self, engine):
         with socket.socket() as free:

@@ -124,7 +124,7 @@ def test_commands_to_another_robot_are_judged(
     page = (tmp_path / f"{tmp_path.name}.html").read_text()  # named after the folder
     assert "not judged" in page
     assert "400 from 0 s to 1.995 s" in page
-    found = children.trunk("doctor", "run.mcap", name="doctor")
+    found = children.trunk("info", "--check", "run.mcap", name="check")
     assert found.wait() == 1, found.stdout
     assert [
         line for line in found.stdout.splitlines() if line.startswith(("error", "warning"))

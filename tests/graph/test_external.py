@@ -89,7 +89,7 @@ def test_an_example_in_lockstep_has_the_bits_of_the_same_law(
         ("verify", "branch.mcap"),
         ("report", "run", "-o", "report.html"),
         ("plot", "run", "-o", "plot.png"),
-        ("doctor", "run"),
+        ("info", "--check", "run"),
     ):
         said(*verb)
     assert "torque from mine" in said("explain", "run", "--at", 1)

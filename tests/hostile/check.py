@@ -25,7 +25,7 @@ from . import bombs, indexed, limited, oracle, signals, tampered, texts
 
 WRONG = "wrong number"
 # Verbs that between them read everything; the others read the same.
-_SELECTED = ("info --json", "metrics --json", "doctor", "recover", "plan --params")
+_SELECTED = ("info --json", "metrics --json", "info --check", "recover", "plan --params")
 _OTHERS_S = 5.0  # of the processor's time for the other libraries
 _EVERY = 40  # of the tampered files, for the selection
 _SLOW = (

@@ -22,7 +22,7 @@ _LOADED = (
     *(
         f"trunk_experiments.commands.{name}"
         for name in (
-            *("compare", "diff", "doctor", "explain", "exchange.export", "info", "metrics"),
+            *("compare", "diff", "explain", "export", "info", "metrics"),
             *("plan", "plot", "recover", "report", "simulate", "study.sweep", "verify"),
         )
     ),

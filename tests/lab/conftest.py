@@ -8,7 +8,7 @@ import shutil
 import pytest
 from click.testing import CliRunner
 
-from trunk_experiments.commands.exchange.export_web import command
+from trunk_experiments.commands.lab import command
 from trunk_experiments.lab.wasm import missing_tools
 
 

@@ -66,9 +66,9 @@ def by_rosbags(path):
 
 
 def judged(trunk, path):
-    """Return the exit codes of verify, doctor and sign, and what they said."""
+    """Return the exit codes of verify, info --check and sign, and what they said."""
     code, said, err = trunk("verify", path)
-    examined, findings, _ = trunk("doctor", path)
+    examined, findings, _ = trunk("info", "--check", path)
     unsigned, _, why = trunk("sign", path, "--key", "alice", "-o", "s.sig", "--unverified")
     return (code, examined, unsigned), said + err, findings, why
 

@@ -13,8 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 import trunk_experiments.api as trunk
-from trunk_experiments.commands import metrics
-from trunk_experiments.commands.exchange import export
+from trunk_experiments.commands import export, metrics
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.writer import RecordingWriter

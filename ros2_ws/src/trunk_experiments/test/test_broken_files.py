@@ -152,10 +152,10 @@ def test_files_that_are_not_recordings(trunk, tmp_path):
     empty.write_bytes(b"")
     text.write_text("t,x\n0,0\n")
     (tmp_path / "folder").mkdir()
-    for verb in ("metrics", "info", "doctor", "export", "verify"):
+    for verb in ("metrics", "info", "info --check", "export", "verify"):
         for path in (empty, text, tmp_path / "folder", tmp_path / "missing"):
             more = ("-o", tmp_path / "x.csv") if verb == "export" else ()
-            code, out, err = trunk(verb, path, *more)
+            code, out, err = trunk(*verb.split(), path, *more)
             assert (code, out, len(err.splitlines())) == (2, "", 1)
             assert str(path) in err
 
@@ -216,7 +216,7 @@ def test_doubled_topics_and_messages_count_once(whole, trunk, tmp_path, short_ru
     assert twice["doubts"]["complete"] is False
     assert single["doubts"]["complete"] is True
     assert twice["metrics"] == single["metrics"]
-    code, out, _ = trunk("doctor", path)
+    code, out, _ = trunk("info", "--check", path)
     assert code == 1
     assert f"{TRUTH}, t = 0 s: the stamp appears twice" in out
 

@@ -254,7 +254,7 @@ def test_limits_and_indices_are_the_same(in_a_cards_place, tmp_path, trunk):
     study = tmp_path / "study.yaml"
     study.write_text(re.sub(r"(?m)^  (delay|least).*\n", "", STUDY).replace("runs: 12", "runs: 4"))
     vary = "--vary", "disturbance.pulse.magnitude", "--from", 0, "--to", 3, "--points", 4
-    for verb in (("limit", "--study", study, *vary), ("study", "sensitivity", study, "--n", 4)):
+    for verb in (("limit", "--study", study, *vary), ("sweep", study, "--sobol", 4)):
         texts = [trunk(*verb, "--json", "--device", name)[:2] for name in ("cpu", "cuda")]
         assert texts[0] == texts[1]
         assert texts[0][0] == 0

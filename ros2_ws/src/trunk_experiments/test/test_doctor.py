@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from trunk_experiments.commands.doctor import exit_code
+from trunk_experiments.commands.info import exit_code
 from trunk_experiments.replay.doctor import ERROR, WARNING, examine
 from trunk_experiments.replay.verify import verify
 from trunk_msgs_util import topics

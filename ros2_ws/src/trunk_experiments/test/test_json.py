@@ -51,7 +51,7 @@ def test_a_key_that_the_schema_does_not_know_is_found(recordings_here, command_s
         ("metrics nothing.mcap", 2, "nothing.mcap: No such file or directory"),
         ("info broken.mcap", 2, "broken.mcap"),
         ("verify broken.mcap", 2, "broken.mcap"),
-        ("doctor broken.mcap", 2, "broken.mcap"),
+        ("info --check broken.mcap", 2, "broken.mcap"),
         ("recover broken.mcap -o x.mcap", 2, "broken.mcap"),
         ("simulate fig8 -o a.mcap", 2, "--output a.mcap: it exists"),
         ("simulate fig8 -o /dev/stdout", 2, "with --json the document goes there"),

@@ -307,7 +307,7 @@ def test_a_jump_is_refused_and_nothing_is_written(engine, tmp_path):
     file = tmp_path / "jump.fis"
     levels = {"u": (0, 1, ("constant", "[0.2]"), ("constant", "[0.9]"))}
     file.write_text(fis(steps, levels, ["1, 1 (1) : 1", "2, 2 (1) : 1"], **SUGENO))
-    words = ("import", "fuzzy", file, "--input", "e=x", "--output", "kp=u", "--output", "kd=0.5")
+    words = ("rules", "read", file, "--input", "e=x", "--output", "kp=u", "--output", "kd=0.5")
     target = tmp_path / "out.yaml"
     done, error = said(*words, "--output", "alpha=3", "-o", target)
     assert done.exit_code != 0
@@ -321,16 +321,16 @@ def test_a_jump_is_refused_and_nothing_is_written(engine, tmp_path):
 
 def test_the_verbs_say_what_they_wrote(engine, tmp_path):
     rules, target, picture = (tmp_path / name for name in ("r.fll", "r.yaml", "r.png"))
-    done, _ = said("export", "fuzzy", "-o", rules, "--json")
+    done, _ = said("rules", "write", "-o", rules, "--json")
     assert checked(done.output, "export-fuzzy-1")["outputs"] == ["kp", "kd", "alpha"]
-    done, _ = said("import", "fuzzy", rules, "-o", target, "--picture", picture, "--json")
+    done, _ = said("rules", "read", rules, "-o", target, "--picture", picture, "--json")
     document = checked(done.output, "import-fuzzy-1")
     assert document["exact"]
     assert document["peaks"] == {"error": 7, "rate": 7}
     assert picture.read_bytes().startswith(b"\x89PNG")
     again, first = tmp_path / "again.yaml", target.read_text()
-    said("export", "fuzzy", "--params", target, "-o", rules, "--force")
-    said("import", "fuzzy", rules, "-o", again)
+    said("rules", "write", "--params", target, "-o", rules, "--force")
+    said("rules", "read", rules, "-o", again)
     assert again.read_text() == first
 
 

@@ -135,7 +135,7 @@ WORDS = ("--output", "kd=0.5", "--output", "alpha=3")
 
 
 def imported(file, *words):
-    words = ("import", "fuzzy", file, "--output", "kp=kp", *WORDS, *words)
+    words = ("rules", "read", file, "--output", "kp=kp", *WORDS, *words)
     return CliRunner().invoke(trunk, [str(word) for word in words])
 
 

@@ -287,7 +287,7 @@ def test_usual_names_need_not_be_said(tmp_path, names, words):
     )
     file, target = tmp_path / "rules.fis", tmp_path / "rules.yaml"
     file.write_text(text)
-    words = ["import", "fuzzy", file, *words, "--tolerance", 1, "-o", target]
+    words = ["rules", "read", file, *words, "--tolerance", 1, "-o", target]
     done = CliRunner().invoke(trunk, [str(word) for word in words])
     assert done.exit_code == 0, done.exception
     turned = names == ("de", "e")
@@ -297,6 +297,6 @@ def test_usual_names_need_not_be_said(tmp_path, names, words):
 def test_a_term_that_is_always_zero_is_named(tmp_path):
     file, target = tmp_path / "rules.fis", tmp_path / "rules.yaml"
     file.write_text(FIS.replace("[-6 -2 0]", "[-6 -5 -4]"))
-    words = ["import", "fuzzy", file, "--tolerance", 1, "-o", target]
+    words = ["rules", "read", file, "--tolerance", 1, "-o", target]
     done = CliRunner().invoke(trunk, [str(word) for word in words])
     assert "warning: e_dot: N is 0 over the whole range" in done.stderr
