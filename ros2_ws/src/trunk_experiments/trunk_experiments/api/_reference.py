@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
@@ -51,13 +52,35 @@ def _members(kind: type) -> Iterator[tuple[str, Any]]:
 
 
 def _attributes(kind: type) -> Iterator[tuple[str, str, str]]:
-    for field in fields(kind) if is_dataclass(kind) else ():
-        if not field.name.startswith("_"):
-            yield field.name, str(field.type).replace("|", r"\|"), ""
+    annotations: dict[str, str] = {}
+    if is_dataclass(kind):
+        annotations = {field.name: str(field.type) for field in fields(kind)}
+    elif hasattr(kind, "_fields"):
+        annotations = {name: kind.__annotations__[name].__forward_arg__ for name in kind._fields}
+    for name, annotation in annotations.items():
+        if not name.startswith("_"):
+            yield name, *_described(annotation)
     for name, value in _members(kind):
         if isinstance(value, property):
             returned = inspect.get_annotations(value.fget)["return"]  # type: ignore[arg-type]
-            yield name, returned.replace("|", r"\|"), _text(value).replace("\n", " ")
+            yield name, _described(returned)[0], _text(value).replace("\n", " ")
+
+
+def _described(annotation: str) -> tuple[str, str]:
+    """Return a type and, of one in ``Annotated``, its description, as cells of a table."""
+    node, words = ast.parse(annotation, mode="eval").body, []
+    if isinstance(node, ast.Subscript) and ast.unparse(node.value) == "Annotated":
+        assert isinstance(node.slice, ast.Tuple)
+        node, *extras = node.slice.elts
+        for extra in extras:
+            constants = [extra]
+            if isinstance(extra, ast.Call) and ast.unparse(extra.func) == "Quantity":
+                constants = extra.args[:2]  # its name and its unit
+            words += [
+                constant.value for constant in constants if isinstance(constant, ast.Constant)
+            ]
+    kind = ast.unparse(node).replace("Known", "float").replace("Count", "int")
+    return kind.replace("|", r"\|"), ", ".join(map(str, words)).replace("|", r"\|")
 
 
 def _methods(kind: type) -> Iterator[tuple[str, Any]]:

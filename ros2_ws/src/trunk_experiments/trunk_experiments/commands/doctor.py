@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import click
 
 from trunk_msgs_util.recording.reader import Recording
 
 from ..console.document import json_option, write_json
-from ..console.reading import reading, run_values
+from ..console.reading import reading
 from ..recorded.run import RecordedRun
 from ..replay.doctor import ERROR, INFO, WARNING, Finding, findings
+from ..replay.doubts import RecordingResult, about
 
 FINE, FINDINGS = 0, 1
+
+
+@dataclass(frozen=True)
+class DoctorResult(RecordingResult, document="doctor-1"):
+    """The document of ``trunk doctor``."""
+
+    fine: Annotated[bool, "No finding but information"]
+    findings: Sequence[Finding]
 
 
 def exit_code(problems: list[Finding]) -> int:
@@ -24,7 +35,7 @@ def exit_code(problems: list[Finding]) -> int:
 
 @click.command("doctor")
 @click.argument("run", type=click.Path(path_type=Path))
-@json_option("doctor-1")
+@json_option(DoctorResult)
 @click.pass_context
 def command(context: click.Context, run: Path, as_json: bool) -> None:
     """Report what is wrong with a recording: checksums, indexes, stamps, gaps, values, digests.
@@ -36,8 +47,7 @@ def command(context: click.Context, run: Path, as_json: bool) -> None:
         problems = findings(recorded)
     code = exit_code(problems)
     if as_json:
-        shown = [asdict(finding) for finding in problems]
-        write_json("doctor-1", {**run_values(recorded), "fine": code == FINE, "findings": shown})
+        write_json(DoctorResult(**vars(about(recorded)), fine=code == FINE, findings=problems))
     else:
         for finding in problems:
             click.echo(f"{finding.severity:7}  {finding.describe()}")

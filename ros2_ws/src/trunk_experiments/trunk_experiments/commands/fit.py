@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import click
 
@@ -14,6 +17,18 @@ from ..console.options import FiniteRange
 from ..console.outputs import check_output, output_options
 from ..console.tables import print_table
 from ..console.verbs import Verbs
+from ..results import Keyword, Result
+
+
+@dataclass(frozen=True)
+class FitPathResult(Result, document="fit-path-1"):
+    """The document of ``trunk fit path``."""
+
+    output: Annotated[Path | None, "The parameter file; null: none asked for"]
+    points: Annotated[int, Keyword("minimum", 3)]
+    parameters: Annotated[Mapping[str, object], "The simulator's, SI units"]
+    rms_m: Annotated[float, "The points' distance from the path"]
+    largest_m: float
 
 
 @click.group("fit", cls=Verbs)
@@ -38,7 +53,7 @@ def command() -> None:
     help="The path's period.  [default: from the first x to the last]",
 )
 @output_options("The ROS 2 parameter file to write, for --params or --params-file.")
-@json_option("fit-path-1")
+@json_option(FitPathResult)
 def path_command(
     points: Path,
     harmonics: int,
@@ -62,8 +77,8 @@ def path_command(
     if output is not None:
         write(output, fit.parameters)
     if as_json:
-        document = {"output": output, "points": len(x), "parameters": fit.parameters["simulator"]}
-        write_json("fit-path-1", {**document, "rms_m": fit.rms, "largest_m": fit.largest})
+        parameters = fit.parameters["simulator"]
+        write_json(FitPathResult(output, len(x), parameters, fit.rms, fit.largest))
         return
     rows = [
         (str(n), f"{a:.6g}", f"{b:.6g}")

@@ -16,7 +16,14 @@ from trunk_msgs_util.node import middleware
 
 from ..console.document import json_option
 from ..console.outputs import check_not_read, output_options
-from ..console.page import checked_host, page_options, serve, serving_foxglove, show_address
+from ..console.page import (
+    PageResult,
+    checked_host,
+    page_options,
+    serve,
+    serving_foxglove,
+    show_address,
+)
 from ..console.plan_options import HAND, external_option, files_read, plan_of, plan_options
 from ..console.terminal import line_of, report_error
 from ..errors import GatewayError, PlanError, RunError
@@ -64,7 +71,7 @@ _OF_THE_PAGE = ("attach", "foxglove", "host", "port", "url", "browser", "as_json
     help="Serve the graph to Foxglove and Lichtblick as well, on this port of 127.0.0.1.",
 )
 @page_options
-@json_option("page-1")
+@json_option(PageResult)
 def command(
     scenario: str | None,
     controller: tuple[str, ...],

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Also each figure's experiment as a page that runs it in a browser; needs clang and lld.",
 )
-@json_option("paper-1")
+@json_option("paper.reproduction:PaperResult")
 @click.pass_context
 def command(
     context: click.Context,
@@ -58,8 +58,7 @@ def command(
     from ..lab.wasm import missing_tools
     from ..paper.crate import check_installed, write_crate
     from ..paper.report import write_report
-    from ..paper.reproduction import as_json as paper_values
-    from ..paper.reproduction import reproduce
+    from ..paper.reproduction import PaperResult, paper_numbers, reproduce
     from ..paper.runs import FIGURES
     from ..runs.processes import check_nodes_installed
     from .exchange.export_web import write_lab
@@ -82,7 +81,7 @@ def command(
         described = write_crate(result, output, begun, tell) if crate else None
     shown = sum(shown for _, shown, _ in result.errata)
     if as_json:
-        write_json("paper-1", {"folder": output, "report": report, **paper_values(result)})
+        write_json(PaperResult(output, report, **vars(paper_numbers(result))))
     else:
         _show(result, report, graph)
         if described:

@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
 from ..console.document import json_option, write_json
-from ..console.outputs import check_output, output_options
+from ..console.outputs import OutputResult, check_output, output_options
 from ..console.plan_options import (
+    PlanResult,
+    about_plan,
     external_option,
     files_read,
     plan_of,
     plan_options,
-    plan_values,
 )
 from ..plans.files import checked_namespace
 from ..runs.external import connection_lines
 from ..runs.launching import launch_nodes
+
+
+@dataclass(frozen=True)
+class NodesResult(PlanResult, OutputResult, document="plan-1"):
+    """The document of ``trunk plan``."""
+
+    commands: Annotated[list[tuple[str, ...]], "How to start each node: the words of a command"]
 
 
 @click.command("plan")
@@ -30,7 +39,7 @@ from ..runs.launching import launch_nodes
     "--lockstep", is_flag=True, help="Step when every node has answered: the same bits each time."
 )
 @click.option("--namespace", default="", help="Namespace of all nodes, such as robot1.")
-@json_option("plan-1")
+@json_option(NodesResult)
 def command(
     output: Path | None,
     force: bool,
@@ -54,7 +63,7 @@ def command(
         for node in launch_nodes(plan, target)
     ]
     if as_json:
-        write_json("plan-1", {"output": target, **plan_values(plan), "commands": commands})
+        write_json(NodesResult(target, **vars(about_plan(plan)), commands=commands))
         return
     for words in commands:
         click.echo(shlex.join(words))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 from click.core import ParameterSource
@@ -17,13 +17,15 @@ from trunk_sim.simulation import DivergedError
 from ..console.document import json_option, write_json
 from ..console.outputs import check_output, default_name, output_options
 from ..console.plan_options import (
+    PlanResult,
+    about_plan,
     files_read,
     markers_option,
     plan_of,
     plan_options,
-    plan_values,
     push_option,
 )
+from ..console.reading import WrittenResult, about_written, open_run, show_written_doubts
 from ..console.terminal import line_of, report_error
 from ..errors import PlanError
 
@@ -32,6 +34,13 @@ if TYPE_CHECKING:
 
 
 _LONG = 100_000  # states, which take seconds
+
+
+@dataclass(frozen=True)
+class SimulateResult(PlanResult, WrittenResult, document="simulate-1"):
+    """The document of ``trunk simulate``."""
+
+    failure: Annotated[str | None, "Why the run ended before its end; null if it did not"]
 
 
 @click.command("simulate")
@@ -45,7 +54,7 @@ _LONG = 100_000  # states, which take seconds
     metavar="RUN.mcap",
     help="Repeat a recorded run from its recording; in place of SCENARIO.",
 )
-@json_option("simulate-1")
+@json_option(SimulateResult)
 def command(
     output: Path | None,
     force: bool,
@@ -58,8 +67,6 @@ def command(
 
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
     """
-    from ..console.reading import open_run, show_written_doubts, written_values
-
     if like is not None:
         _check_alone(click.get_current_context())
     inputs: list[str | Path] = [*files_read(options)]
@@ -82,8 +89,8 @@ def command(
         raise RecordingError(f"{like}: it cannot be run again: {error}") from None
     if as_json:
         failure = None if diverged is None else line_of(diverged)
-        document = {**written_values(output), **plan_values(plan), "failure": failure}
-        write_json("simulate-1", document)
+        written, planned = vars(about_written(output)), vars(about_plan(plan))
+        write_json(SimulateResult(**written, **planned, failure=failure))
     elif diverged is None:
         show_written_doubts(output)
         click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from math import cos, exp, isfinite, sin
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.text import quoted_names
 from trunk_msgs_util.units import NANOSECONDS, seconds
+
+from ..results import OMITTED, Named
 
 # The phases, in order. The first three are played twice, with a reset before the second time.
 MOTION, REST, LARGE, GAP, REPEAT, SILENCE, RESET = (
@@ -93,8 +95,8 @@ class Exchange(NamedTuple):
 class NodeFinding(NamedTuple):
     """What a node does otherwise than it should, and what to write instead."""
 
-    check: str
-    problem: str
+    check: Annotated[str, OMITTED]
+    problem: Annotated[str, Named("what")]
     advice: str
 
 

@@ -10,15 +10,17 @@ import time
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
 from ..errors import GatewayError, NotInstalledError, PlanError
 from ..gateway.access import origin_of
 from ..gateway.process import LOOPBACK, GatewayProcess
+from ..results import Result
 from ..runs.processes import Interrupt
 from .document import write_json
 
@@ -60,6 +62,18 @@ def page_options(function: Any) -> Any:
     return function
 
 
+@dataclass(frozen=True)
+class PageResult(Result, document="page-1"):
+    """The document of ``trunk live``, trunk watch."""
+
+    address: Annotated[str, "Of the page; of trunk live, to control the run"]
+    watch_address: Annotated[str, "Of the page, to watch only"]
+    foxglove: Annotated[str | None, "Of the connection for Foxglove; null if it was not asked for"]
+    recording: Annotated[
+        Path | None, "What is written, or played; null for a graph that was joined"
+    ]
+
+
 def checked_host(host: str, url: str) -> str:
     """Return the address to serve on.
 
@@ -96,15 +110,7 @@ def show_address(
     watch = gateway.address(gateway.tokens.watch)
     address = gateway.address(gateway.tokens.control) if controls else watch
     if as_json:
-        write_json(
-            "page-1",
-            {
-                "address": address,
-                "watch_address": watch,
-                "foxglove": foxglove,
-                "recording": recording,
-            },
-        )
+        write_json(PageResult(address, watch, foxglove, recording))
     click.echo(f"page: {address}")
     if controls:
         click.echo(f"to watch only: {watch}")

@@ -19,12 +19,13 @@ from trunk_msgs_util.files import atomic_write
 
 from ..analysis.metrics import missing
 from ..recorded.run import RecordedRun
+from ..results import plain
 from ..views.plots import paper_figure, save
 from ..views.report import make_report
 from ..views.report_page import write
 from ..views.run_view import RunView
 from .claims import PRINTED, TABLE_1
-from .reproduction import RATE_KEYS, Reproduction, Say, as_json
+from .reproduction import RATE_KEYS, Reproduction, Say, paper_numbers
 from .runs import CONTENDERS, FIGURES, OF_THE_PAPER, PROFILES, Case
 
 COLUMNS = {
@@ -50,7 +51,7 @@ def write_report(
 
     ``say`` is called with each next step. ``labs``: the folder has a lab of each figure.
     """
-    text = json.dumps(as_json(result), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(plain(paper_numbers(result)), indent=2, ensure_ascii=False, allow_nan=False)
     with atomic_write(folder / "paper.json") as part:
         part.write_text(text + "\n", encoding="utf-8")
     pictures = {}

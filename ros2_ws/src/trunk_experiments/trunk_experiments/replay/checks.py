@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from .bits import ulps
 ACTIVE_CONTROLLERS = "active controllers"
 MISSING = "missing"
 UNEXPECTED = "unexpected"
+CheckWord = Literal["verified", "diverges", "inconclusive", "taken as recorded"]
 
 
 class Difference(NamedTuple):
@@ -57,7 +58,7 @@ class Check:
     )  # steps before the first difference, the last one's stamp
 
     @property
-    def result(self) -> str:
+    def result(self) -> CheckWord:
         """The check's own verdict in a word."""
         if self.wrong_steps:
             return "diverges"

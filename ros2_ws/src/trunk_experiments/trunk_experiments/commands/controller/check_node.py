@@ -2,18 +2,54 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import isfinite
+from typing import Annotated, NamedTuple
 
 import click
 
 from trunk_msgs_util.errors import EXIT_FAILED
 
+from ...conformance.node_judge import NodeFinding
+from ...conformance.node_judge import findings as findings_of
 from ...console.document import json_option, write_json
 from ...console.options import Number
 from ...console.tables import print_table
 from ...errors import PlanError
 from ...plans.files import checked_namespace
+from ...results import Keyword, Result
 from ...runs.processes import check_nodes_installed, claimed_domain
+
+
+class CheckedNode(NamedTuple):
+    """A check of a node, and what it found."""
+
+    name: str
+    asserts: str
+    kept: bool
+    findings: Sequence[NodeFinding]
+
+
+class Latency(NamedTuple):
+    """From a state's publication to its answer, ms."""
+
+    median: float | None
+    p999: float | None
+
+
+@dataclass(frozen=True)
+class CheckNodeResult(Result, document="check-node-1"):
+    """The document of ``trunk controller check-node``."""
+
+    node: Annotated[str | None, "Its name; null: it is no ROS node"]
+    middleware: Annotated[str, "Its DDS, as far as its identity tells"]
+    kept: Annotated[bool, "Every check is kept"]
+    states: int
+    commands: int
+    latency_ms: Annotated[Latency, "From a state's publication to its answer"]
+    largest_torque: Annotated[float | None, "N m; null: none, or not finite"]
+    checks: Annotated[Sequence[CheckedNode], Keyword("minItems", 1)]
 
 
 @click.command("check-node")
@@ -42,7 +78,7 @@ from ...runs.processes import check_nodes_installed, claimed_domain
     show_default=True,
     help="How long to wait for it, s.",
 )
-@json_option("check-node-1")
+@json_option(CheckNodeResult)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -57,7 +93,6 @@ def command(
 
     No simulator may run beside it. Exit code 1 if anything is found.
     """
-    from ...conformance.node_judge import findings as findings_of
     from ...conformance.player_node import Player
 
     if not rate > 0.0:
@@ -78,41 +113,32 @@ def command(
         (abs(e) for c in transcript.commands if (e := transcript.effort(c)) is not None),
         default=None,
     )
+    checks = [CheckedNode(c.name, c.asserts, not findings, findings) for c, findings in checked]
+    kept = all(check.kept for check in checks)
     if as_json:
-        values = {
-            "node": sender.name or None,
-            "middleware": sender.middleware,
-            "kept": not any(findings for _, findings in checked),
-            "states": len(transcript.exchanges),
-            "commands": len(transcript.commands),
-            "latency_ms": {"median": latencies.get("50 %"), "p999": latencies.get("99.9 %")},
-            "largest_torque": largest if largest is not None and isfinite(largest) else None,
-            "checks": [
-                {
-                    "name": check.name,
-                    "asserts": check.asserts,
-                    "kept": not findings,
-                    "findings": [{"what": f.problem, "advice": f.advice} for f in findings],
-                }
-                for check, findings in checked
-            ],
-        }
-        write_json("check-node-1", values)
-    else:
-        count = sum(not findings for _, findings in checked)
-        print_table(
-            f"{sender.label} ({sender.middleware}): {count} of {len(checked)} kept",
-            ("check", "", "asserts"),
-            [
-                (check.name, "NOT KEPT" if findings else "kept", check.asserts)
-                for check, findings in checked
-            ],
+        result = CheckNodeResult(
+            sender.name or None,
+            sender.middleware,
+            kept,
+            len(transcript.exchanges),
+            len(transcript.commands),
+            Latency(latencies.get("50 %"), latencies.get("99.9 %")),
+            largest if largest is not None and isfinite(largest) else None,
+            checks,
         )
-        for check, findings in checked:
-            for finding in findings:
+        write_json(result)
+    else:
+        count = sum(check.kept for check in checks)
+        print_table(
+            f"{sender.label} ({sender.middleware}): {count} of {len(checks)} kept",
+            ("check", "", "asserts"),
+            [(c.name, "kept" if c.kept else "NOT KEPT", c.asserts) for c in checks],
+        )
+        for check in checks:
+            for finding in check.findings:
                 click.echo(f"{check.name}: {finding.problem}: {finding.advice}")
         states, commands = len(transcript.exchanges), len(transcript.commands)
         shown = ", ".join(f"{name} {value:.3g} ms" for name, value in latencies.items())
         click.echo(f"{commands} commands for {states} states; latency: {shown or 'not known'}")
-    if any(findings for _, findings in checked):
+    if not kept:
         ctx.exit(EXIT_FAILED)

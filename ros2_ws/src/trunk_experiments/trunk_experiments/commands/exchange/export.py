@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
+from typing import Annotated, NamedTuple
 
 import click
 
@@ -11,12 +14,31 @@ from ...analysis.run_table import RunTable, all_columns, column_units
 from ...console.document import json_option, write_json
 from ...console.options import Number
 from ...console.outputs import check_output
-from ...console.reading import open_run, run_values, show_damage
+from ...console.reading import open_run, show_damage
 from ...console.verbs import VerbWithVerbs
+from ...replay.doubts import RecordingResult, about
+from ...results import Count, Keyword
 from ...views.extract import window, write_csv, write_mcap, write_npz, write_parquet
 from .export_rules import command as rules_command
 
 _FILE = click.Path(path_type=Path)
+
+
+class ExportedFile(NamedTuple):
+    """A file that was written."""
+
+    file: Path
+    rows: Annotated[
+        Count | None, "Of a table, or the states that an animation covers; null for MCAP"
+    ]
+    messages: Annotated[Count | None, "Of an MCAP file; null for others"]
+
+
+@dataclass(frozen=True)
+class ExportResult(RecordingResult, document="export-1"):
+    """The document of ``trunk export``."""
+
+    outputs: Annotated[Sequence[ExportedFile], Keyword("minItems", 1)]
 
 
 @click.group("export", cls=VerbWithVerbs)
@@ -41,7 +63,7 @@ _FILE = click.Path(path_type=Path)
     metavar="TOPIC",
     help="For --mcap: only this topic; repeatable.",
 )
-@json_option("export-1")
+@json_option(ExportResult)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -77,7 +99,7 @@ def command(
             check_output(output, (f".{suffix}",), force, [run], f"--{suffix}")
     recorded = open_run(run)
     show_damage(recorded)
-    written: list[dict[str, object]] = []
+    written: list[ExportedFile] = []
     if csv or parquet or npz or gif or mp4:
         table = window(all_columns(recorded, RunTable.from_run(recorded)), start, end)
         if csv:
@@ -94,16 +116,16 @@ def command(
                 if film:
                     write(table, plant, film)
         for output in filter(None, (csv, parquet, npz, gif, mp4)):
-            written.append({"file": output, "rows": len(table["t"]), "messages": None})
+            written.append(ExportedFile(output, len(table["t"]), None))
     if mcap:
         count = write_mcap(recorded.recording, mcap, start, end, topics)
-        written.append({"file": mcap, "rows": None, "messages": count})
+        written.append(ExportedFile(mcap, None, count))
     if as_json:
-        write_json("export-1", {**run_values(recorded), "outputs": written})
+        write_json(ExportResult(**vars(about(recorded)), outputs=written))
         return
     for entry in written:
-        kind = "messages" if entry["rows"] is None else "rows"
-        click.echo(f"{entry['file']}: {entry[kind]} {kind}")
+        text = f"{entry.messages} messages" if entry.rows is None else f"{entry.rows} rows"
+        click.echo(f"{entry.file}: {text}")
 
 
 command.add_command(rules_command)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import click
 
@@ -16,6 +17,17 @@ from ...console.outputs import check_output, output_options
 from ...console.plan_options import ControllerName, parameter_options
 from ...console.terminal import show_warnings
 from ...errors import PlanError
+from ...results import Keyword, Result
+
+
+@dataclass(frozen=True)
+class ExportRulesResult(Result, document="export-fuzzy-1"):
+    """The document of ``trunk export fuzzy``."""
+
+    controller: str
+    output: Path
+    rules: Annotated[int, Keyword("minimum", 4)]
+    outputs: Annotated[list[Literal["u", "kp", "kd", "alpha"]], Keyword("minItems", 1)]
 
 
 @click.command("fuzzy")
@@ -24,7 +36,7 @@ from ...errors import PlanError
 )
 @parameter_options
 @output_options("The file: .fis (MATLAB, Octave) or .fll (fuzzylite).", required=True)
-@json_option("export-fuzzy-1")
+@json_option(ExportRulesResult)
 def command(
     controller: str | None,
     params: Sequence[str],
@@ -54,10 +66,7 @@ def command(
     rules = len(config.error_peaks) * len(config.rate_peaks)
     names = [table.name for table in config.tables]
     if as_json:
-        write_json(
-            "export-fuzzy-1",
-            {"controller": name, "output": output, "rules": rules, "outputs": names},
-        )
+        write_json(ExportRulesResult(name, output, rules, names))
         return
     click.echo(f"{output}: {rules} rules of {name} for {', '.join(names)}")
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, NamedTuple
 
 import click
 
@@ -15,10 +17,48 @@ from ...console.options import FiniteRange
 from ...console.outputs import FORCE, check_output
 from ...console.verbs import Verbs
 from ...errors import PlanError
+from ...results import Keyword, Result
 
 _INPUTS = {"e": "e", "e_dot": "e_dot", "ė": "e_dot"}
 _OUTPUTS = {name: name for name in ("u", "kp", "kd", "alpha")}
 _FILE = click.Path(path_type=Path)
+
+
+Peaks = Annotated[int, Keyword("minimum", 2), Keyword("maximum", 64)]
+
+
+class ImportedPeaks(NamedTuple):
+    """How many peaks the table has."""
+
+    error: Peaks
+    rate: Peaks
+
+
+class ImportedDeviation(NamedTuple):
+    """The greatest deviation from the file, and where it is."""
+
+    output: Annotated[str, Keyword("enum", ("u", "kp", "kd", "alpha"))]
+    share: Annotated[float, "Of the output's span"]
+    distance: Annotated[float, "In the file's unit"]
+    error: float
+    rate: float
+
+
+@dataclass(frozen=True)
+class ImportRulesResult(Result, document="import-fuzzy-1"):
+    """The document of ``trunk import fuzzy``."""
+
+    file: Path
+    controller: Annotated[str, Keyword("enum", ("fuzzy_pid", "fuzzy"))]
+    output: Annotated[Path, "The parameter file"]
+    picture: Annotated[Path | None, "null: none asked for"]
+    exact: Annotated[bool, "Nothing deviates but by rounding"]
+    peaks: ImportedPeaks
+    deviation: Annotated[ImportedDeviation, "The greatest of 100,000 points"]
+    silent_terms: Annotated[
+        Sequence[str], "Of the file, as variable: term, those that are 0 over the whole range"
+    ]
+    parameters: Annotated[Mapping[str, object], "The controller's"]
 
 
 @click.group("import", cls=Verbs)
@@ -59,7 +99,7 @@ def command() -> None:
     help="Greatest deviation of a table that cannot be exact, as a share of the output's span.",
 )
 @click.option("--picture", type=_FILE, help="Both surfaces and their difference; .png, .svg, .pdf.")
-@json_option("import-fuzzy-1")
+@json_option(ImportRulesResult)
 def fuzzy_command(
     file: Path,
     inputs: Sequence[str],
@@ -96,27 +136,19 @@ def fuzzy_command(
     for term in imported.silent:
         click.echo(f"trunk: warning: {term} is 0 over the whole range", err=True)
     if as_json:
-        deviation = imported.deviation
-        write_json(
-            "import-fuzzy-1",
-            {
-                "file": file,
-                "controller": imported.node,
-                "output": target,
-                "picture": picture,
-                "exact": imported.exact,
-                "peaks": {"error": imported.peaks[0], "rate": imported.peaks[1]},
-                "deviation": {
-                    "output": imported.output,
-                    "share": deviation.share,
-                    "distance": deviation.distance,
-                    "error": deviation.error,
-                    "rate": deviation.rate,
-                },
-                "silent_terms": imported.silent,
-                "parameters": imported.values,
-            },
+        d = imported.deviation
+        result = ImportRulesResult(
+            file,
+            imported.node,
+            target,
+            picture,
+            imported.exact,
+            ImportedPeaks(*imported.peaks),
+            ImportedDeviation(imported.output, d.share, d.distance, d.error, d.rate),
+            imported.silent,
+            imported.values,
         )
+        write_json(result)
         return
     click.echo(f"{file}: {imported.text}")
     if picture is not None:

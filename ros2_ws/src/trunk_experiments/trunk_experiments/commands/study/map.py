@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,9 +16,7 @@ from ...errors import PlanError
 from .sweep import ended, run_sweep
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_table import Floats
-
-    from ...study.map import MapPanel
+    pass
 
 
 @click.command("map")
@@ -41,7 +38,7 @@ if TYPE_CHECKING:
     help="The column to show as colour.",
 )
 @click.option("--no-floquet", is_flag=True, help="Leave out the line of the Floquet multipliers.")
-@json_option("map-1")
+@json_option("study.map:MapResult")
 def command(
     source: str,
     output: Path | None,
@@ -58,7 +55,7 @@ def command(
     cross: more than half of the draws fell. Floquet multipliers are those of the loop linearised about the
     upright trunk, with the hip driven at its initial speed and no torque limit.
     """
-    from ...study.map import draw, draw_curves, panels
+    from ...study.map import MapResult, draw, draw_curves, panels
     from ...study.results import Results
     from ...views.plots import SUFFIXES, save
 
@@ -81,16 +78,8 @@ def command(
         picture = draw(drawn, metric, axes, results.study, title)
     save(picture, target)
     if as_json:
-        values = {
-            "results": path,
-            "output": target,
-            "runs": len(results.table),
-            "metric": metric,
-            "x": axes[0],
-            "y": axes[1] if len(axes) > 1 else None,
-            "panels": [panel_values(panel) for panel in drawn],
-        }
-        write_json("map-1", values)
+        x, y = axes[0], axes[1] if len(axes) > 1 else None
+        write_json(MapResult(path, target, len(results.table), metric, x, y, drawn))
         return
     click.echo(f"{target}: {len(drawn)} controllers over {' and '.join(axes)}")
 
@@ -110,22 +99,6 @@ def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metri
     check_mappable(study, choose_axes([v.name for v in study.grid], *wanted, source), metric)
     sweep = SweepJob(study, path)
     return ended(sweep, run_sweep(sweep))
-
-
-def panel_values(panel: MapPanel) -> dict[str, object]:
-    """Return a panel as plain values: rows along y, columns along x; None where no run has a value."""
-    return {
-        "controller": panel.controller,
-        "x": panel.x.tolist(),
-        "y": panel.y.tolist(),
-        "values": _rows(panel.values),
-        "fallen": _rows(panel.fallen),
-        "growth": None if panel.growth is None else _rows(panel.growth),
-    }
-
-
-def _rows(values: Floats) -> list[list[float | None]]:
-    return [[None if isnan(value) else value for value in row] for row in values.tolist()]
 
 
 def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ _HEADER = ("parameter", "first order [95 %]", "total [95 %]")
     help="Processes on this machine.  [default: one per core]",
 )
 @device_option
-@json_option("study-sensitivity-1")
+@json_option("study.sensitivity:SensitivityResult")
 def command(
     study: str, n: int, metrics: tuple[str, ...], jobs: int | None, device: str, as_json: bool
 ) -> None:
@@ -53,7 +53,12 @@ def command(
     others included. A run that fell counts as the worst of those that stood; how many fell is shown first.
     """
     from ...study.rows import make_bases
-    from ...study.sensitivity import check_sensitivity, sensitivities, total_runs
+    from ...study.sensitivity import (
+        SensitivityResult,
+        check_sensitivity,
+        sensitivities,
+        total_runs,
+    )
     from ...study.study import read_study
     from .sweep import check_device, maker_on, runner_of
 
@@ -70,33 +75,11 @@ def command(
         results = sensitivities(read, bases, n, wanted, runner, tell)
     show_warnings(maker.remarks() if maker else [])
     if as_json:
-        values = {
-            "study": study,
-            "n": n,
-            "runs": runs,
-            "indices": [as_values(result) for result in results],
-        }
-        write_json("study-sensitivity-1", values)
+        write_json(SensitivityResult(study, n, runs, results))
         return
     click.echo(f"{study}: {runs} runs, n = {n}\n")
     for result in results:
         _show(result)
-
-
-def as_values(result: Sensitivity) -> dict[str, object]:
-    """Return one metric's indices as plain values."""
-    return {
-        "controller": result.controller,
-        "metric": result.metric,
-        "runs": result.runs,
-        "fell": result.fell,
-        "filled": result.filled,
-        "doubtful": result.doubtful,
-        "parameters": [
-            {"name": i.parameter, "first": i.first._asdict(), "total": i.total._asdict()}
-            for i in result.indices
-        ],
-    }
 
 
 def _show(result: Sensitivity) -> None:
@@ -110,10 +93,10 @@ def _show(result: Sensitivity) -> None:
         title += f" ({result.filled} of {result.runs} runs have none and count as the worst)"
     if result.doubtful:
         title += ": doubtful"
-    if not result.indices:
+    if not result.parameters:
         click.echo(f"{title}: the same in all runs: no parameter matters\n")
         return
-    rows = [(i.parameter, _text(i.first), _text(i.total)) for i in result.indices]
+    rows = [(i.name, _text(i.first), _text(i.total)) for i in result.parameters]
     print_table(title, _HEADER, rows)
 
 

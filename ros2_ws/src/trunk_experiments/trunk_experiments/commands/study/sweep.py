@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import click
 
@@ -15,10 +16,30 @@ from ...console.outputs import check_output, output_options
 from ...console.progress import progress_bar
 from ...console.terminal import show_warnings
 from ...errors import PlanError
+from ...results import Count, Result
 
 if TYPE_CHECKING:
     from ...batch.kernel import OnDevice
     from ...study.sweep import Runner, SweepJob
+
+
+class SweptRuns(NamedTuple):
+    """How many runs ended how."""
+
+    ok: Count
+    diverged: Count
+    refused: Count
+
+
+@dataclass(frozen=True)
+class SweepResult(Result, document="sweep-1"):
+    """The document of ``trunk sweep``."""
+
+    study: str
+    output: Annotated[Path | None, "null: --check"]
+    runs: Count
+    blocks: Count
+    outcomes: Annotated[SweptRuns | None, "How many runs ended how; null: --check"]
 
 
 @click.command("sweep")
@@ -36,7 +57,7 @@ if TYPE_CHECKING:
 )
 @device_option
 @click.option("--check", is_flag=True, help="Only check the study and say what it would run.")
-@json_option("sweep-1")
+@json_option(SweepResult)
 def command(
     study: str,
     output: Path,
@@ -66,14 +87,11 @@ def command(
         outcomes = run_sweep(sweep, jobs, scheduler, device)
         line = ended(sweep, outcomes)
     if as_json:
-        values = {
-            "study": study,
-            "output": None if check else output,
-            "runs": sweep.study.total,
-            "blocks": sweep.blocks,
-            "outcomes": outcomes,
-        }
-        write_json("sweep-1", values)
+        written, ends = (
+            None if check else output,
+            None if outcomes is None else SweptRuns(**outcomes),
+        )
+        write_json(SweepResult(study, written, sweep.study.total, sweep.blocks, ends))
     else:
         click.echo(line)
 
