@@ -214,9 +214,7 @@ class Metrics:
     effort: Annotated[
         float,
         Quantity(
-            "effort, ∫τ² dt",
-            "N²·m²·s",
-            "∫ τ² dt, each torque times the period over which it acted",
+            "effort, ∫τ² dt", "N²·m²·s", "∫ τ² dt, each torque times the period over which it acted"
         ),
     ]
     peak_torque: Annotated[float, Quantity("peak torque", "N·m", "the largest |τ|")]

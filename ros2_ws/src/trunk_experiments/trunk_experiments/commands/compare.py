@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -40,7 +39,6 @@ class ComparedMetric(NamedTuple):
     best: Annotated[Sequence[str], "Names of runs; a doubtful one never"]
 
 
-@dataclass(frozen=True)
 class CompareResult(Result, document="compare-1"):
     """The document of ``trunk compare RUN...``."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -38,7 +37,6 @@ class TopicContent(NamedTuple):
     bytes: Annotated[Count | None, "null: messages differ in size, and not all were read"]
 
 
-@dataclass(frozen=True)
 class InfoResult(RecordingResult, document="info-1"):
     """The document of ``trunk info``."""
 

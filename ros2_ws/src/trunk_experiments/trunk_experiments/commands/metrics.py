@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -20,7 +19,6 @@ from ..recorded.run import RecordedRun
 from ..replay.doubts import RecordingResult, about, doubts_of
 
 
-@dataclass(frozen=True)
 class MetricsResult(RecordingResult, document="metrics-1"):
     """The document of ``trunk metrics RUN``."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,7 +23,6 @@ from ..runs.external import connection_lines
 from ..runs.launching import launch_nodes
 
 
-@dataclass(frozen=True)
 class NodesResult(PlanResult, OutputResult, document="plan-1"):
     """The document of ``trunk plan``."""
 

@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import Annotated, Any, TextIO
 
@@ -23,7 +22,6 @@ _STDOUT = 1
 _stream: ContextVar[TextIO | None] = ContextVar("document", default=None)
 
 
-@dataclass(frozen=True)
 class ErrorResult(Result, document="error-1"):
     """Why there is no result: any verb."""
 

@@ -65,12 +65,10 @@ class Doubts:
     complete: Annotated[bool, "The recorder finished the file and lost nothing"] = True
     reason: Annotated[str | None, "Why it is not complete; null if it is"] = None
     ends_at_s: Annotated[
-        float | None,
-        "The last true state of an incomplete run; null: it is complete, or has none",
+        float | None, "The last true state of an incomplete run; null: it is complete, or has none"
     ] = None
     planned_s: Annotated[
-        float | None,
-        "When an incomplete run was to end; null: never, not known, or it is complete",
+        float | None, "When an incomplete run was to end; null: never, not known, or it is complete"
     ] = None
     fell: Annotated[
         float | None, "Simulated time of the first fall in s; null: no fall is recorded"
@@ -141,7 +139,6 @@ class Doubts:
         return lines
 
 
-@dataclass(frozen=True)
 class RecordingResult(Result):
     """What every document says about a recording."""
 

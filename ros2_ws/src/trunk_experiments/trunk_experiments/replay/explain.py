@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import isclose
 from typing import Annotated, NamedTuple
 
@@ -71,11 +70,7 @@ def _flat(rules: Sequence[Rule]) -> list[dict[str, str | float]]:
     """Return rules as JSON has them: ``kp_label``, ``kp`` and so on for each output."""
     flat: list[dict[str, str | float]] = []
     for error, rate, weight, consequents in rules:
-        named: dict[str, str | float] = {
-            "error_label": error,
-            "rate_label": rate,
-            "weight": weight,
-        }
+        named: dict[str, str | float] = {"error_label": error, "rate_label": rate, "weight": weight}
         for c in consequents:
             named |= {f"{c.output}_label": c.label, c.output: c.value}
         flat.append(named)
@@ -91,7 +86,6 @@ _TERMS = As(
 )
 
 
-@dataclass(frozen=True)
 class Explanation(RecordingResult, document="explain-1"):
     """The document of ``trunk explain``: one update of a controller, its inputs, each term, its output.
 
@@ -225,8 +219,7 @@ def _explain(run: RecordedRun, at: float) -> Explanation:
         handing_over=update.handing_over,
         anti_windup=_windup(update) if isinstance(terms, Terms) else None,
         disturbance=with_operator(
-            rerun.acting_at(update.stamp_ns),
-            run.operated.at(update.stamp_ns),
+            rerun.acting_at(update.stamp_ns), run.operated.at(update.stamp_ns)
         ),
         true_angle=float(table.theta[at_update]) if ours else None,
         took_over=update.took_over,

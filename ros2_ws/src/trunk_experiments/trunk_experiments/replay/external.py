@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -25,7 +24,6 @@ def _known(terms: Mapping[str, float]) -> dict[str, float | None]:
     return {name: known(value) for name, value in terms.items()}
 
 
-@dataclass(frozen=True)
 class ExternalCommand(RecordingResult, document="explain-external-1"):
     """The document of ``trunk explain``, of somebody else's controller: a command, and what it answers.
 

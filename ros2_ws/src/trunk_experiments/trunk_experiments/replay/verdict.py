@@ -132,7 +132,6 @@ class CheckedPart(NamedTuple):
     ]
 
 
-@dataclass(frozen=True, repr=False)
 class Verification(RecordingResult, document="verify-1"):
     """What recomputing a recording found: the document of ``trunk verify``.
 

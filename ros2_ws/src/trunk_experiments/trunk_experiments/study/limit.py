@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from math import ceil, degrees, log, ulp
 from pathlib import Path
@@ -190,7 +190,6 @@ class Survival(NamedTuple):
     points: tuple[SurvivalPoint, ...]
 
 
-@dataclass(frozen=True)
 class LimitResult(Result, document="limit-1"):
     """The document of ``trunk limit``."""
 

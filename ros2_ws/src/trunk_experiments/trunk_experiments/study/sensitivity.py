@@ -63,7 +63,6 @@ class Sensitivity:
     ]
 
 
-@dataclass(frozen=True)
 class SensitivityResult(Result, document="study-sensitivity-1"):
     """The document of ``trunk study sensitivity``."""
 

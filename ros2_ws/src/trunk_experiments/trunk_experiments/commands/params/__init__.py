@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import click
@@ -16,7 +15,6 @@ from .live import apply, set_values
 from .show import show
 
 
-@dataclass(frozen=True)
 class ParamsResult(Result, document="params-1"):
     """The document of ``trunk params``."""
 

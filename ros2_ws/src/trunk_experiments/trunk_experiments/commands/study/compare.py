@@ -66,7 +66,6 @@ class Compared:
             return cls(falls(results), distributions(results, done=done), differences)
 
 
-@dataclass(frozen=True)
 class CompareStudyResult(Result, document="compare-study-1"):
     """The document of ``trunk study compare``."""
 

@@ -53,12 +53,7 @@ def command(
     others included. A run that fell counts as the worst of those that stood; how many fell is shown first.
     """
     from ...study.rows import make_bases
-    from ...study.sensitivity import (
-        SensitivityResult,
-        check_sensitivity,
-        sensitivities,
-        total_runs,
-    )
+    from ...study.sensitivity import SensitivityResult, check_sensitivity, sensitivities, total_runs
     from ...study.study import read_study
     from .sweep import check_device, maker_on, runner_of
 

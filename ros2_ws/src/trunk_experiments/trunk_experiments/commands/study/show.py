@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,7 +20,6 @@ from ...results import Count
 _LONG = 100_000  # states, which take seconds
 
 
-@dataclass(frozen=True)
 class StudyShowResult(WrittenResult, document="study-show-1"):
     """The document of ``trunk study show``."""
 
