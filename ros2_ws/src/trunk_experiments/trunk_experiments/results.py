@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from html import escape
 from inspect import get_annotations
-from math import isfinite, isnan
+from math import inf, isfinite, isnan
 from pathlib import Path
 from typing import (
     TYPE_CHECKING,
@@ -42,8 +42,6 @@ else:
 OMITTED = object()  # of a field: it is not in the document
 ALSO = object()  # of what a property returns: it is in the document, after the fields
 
-NOT_DEFINED = "not defined"
-
 
 class Quantity(NamedTuple):
     """A number's name, unit and meaning, and whether a smaller magnitude is better."""
@@ -52,7 +50,6 @@ class Quantity(NamedTuple):
     unit: str
     meaning: str = ""
     judged: bool = True
-    missing: str = NOT_DEFINED  # shown where there is none
 
     @property
     def terminal_unit(self) -> str:
@@ -165,6 +162,13 @@ def quantities(kind: type) -> dict[str, Quantity]:
     """Return the descriptions of a class's numbers, by name."""
     described = ((name, get_args(hint)) for name, hint in members(kind).items())
     return {name: of for name, (_, *ofs) in described for of in ofs if isinstance(of, Quantity)}
+
+
+def number(value: float | None, digits: int = 6) -> str:
+    """Return a number as text: "not defined" for None, "never" for infinity."""
+    if value is None:
+        return "not defined"
+    return "never" if value == inf else f"{value:.{digits}g}"
 
 
 def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from trunk_msgs_util.compiled import twin
 from trunk_msgs_util.units import seconds
 
-from ..results import NOT_DEFINED, Quantity, html_table, quantities, text_table
+from ..results import Quantity, html_table, number, quantities, text_table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -195,7 +195,6 @@ class Metrics:
             "s",
             "from the last change of the reference until |e| is at most 6° and stays so to "
             "the end; never unless at least 1 s remains after it",
-            missing="never",
         ),
     ]
     steady_state_error_mean_deg: Annotated[
@@ -229,13 +228,10 @@ class Metrics:
         """Return the quantities by name, in order."""
         return dict(vars(self))
 
-    def rows(self, level: bool = True) -> list[tuple[str, str, str]]:
-        """Return each quantity's label, its value as text, and its unit; ``level``: `has_level`."""
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Return each quantity's label, its value as text, and its unit."""
         values = self.as_dict()
-        return [
-            (q.label, missing(key, level) if values[key] is None else f"{values[key]:.6g}", q.unit)
-            for key, q in QUANTITIES.items()
-        ]
+        return [(q.label, number(values[key]), q.unit) for key, q in QUANTITIES.items()]
 
     def __str__(self) -> str:
         return text_table(self.rows())
@@ -248,21 +244,6 @@ QUANTITIES: Mapping[str, Quantity] = quantities(Metrics)
 JUDGED = tuple(name for name, text in QUANTITIES.items() if text.judged)
 
 
-def missing(key: str, level: bool = True) -> str:
-    """Return the text shown for a run without this metric; ``level``: `has_level`.
-
-    Without a level of the reference, settling is "not defined", which is not the same as "never".
-    """
-    return QUANTITIES[key].missing if level and key in QUANTITIES else NOT_DEFINED
-
-
-def has_level(table: RunTable) -> bool:
-    """Return True if the reference stays at its last level for a second or more, or never changes."""
-    changes = np.flatnonzero(np.diff(table.reference))
-    since = table.t[changes[-1] + 1] if len(changes) else table.t[0]
-    return _is_level(float(since), float(table.t[0]), float(table.t[-1]))
-
-
 def _is_level(since: float, begin: float, end: float) -> bool:
     return since == begin or end - since >= SETTLED_FOR - _TOLERANCE
 
@@ -272,9 +253,9 @@ def metrics(table: RunTable, compiled: bool = False) -> Metrics:
 
     Overshoot and settling refer to the reference's last level and count from its last change (t_0 if
     it is constant). A reference that still changes in the last second (a sine, or a level set too
-    late) has no such level: both are None. ``compiled``: add up in compiled code, however short the run;
-    the numbers are the same. Raises ValueError for a table without rows, or if its data are not finite or
-    make a metric infinite.
+    late) has no such level: both are None. The time of a run that never settles is infinite.
+    ``compiled``: add up in compiled code, however short the run; the numbers are the same. Raises
+    ValueError for a table without rows, or if its data are not finite or make another metric infinite.
     """
     _check(table)
     since_first = table.t - table.t[0]
@@ -293,7 +274,7 @@ def metrics(table: RunTable, compiled: bool = False) -> Metrics:
 
 def _checked(run_metrics: Metrics) -> Metrics:
     for name, value in run_metrics.as_dict().items():
-        if value is not None and not isfinite(value):
+        if value is not None and not isfinite(value) and name != SETTLING:
             raise ValueError(f"{name} is too large for a floating-point number: no metrics")
     return run_metrics
 
@@ -320,6 +301,7 @@ class MetricNumbers(NamedTuple):
 
 
 MAY_BE_UNDEFINED = MetricNumbers._fields[:4]
+SETTLING = "settling_time_6deg_s"  # infinite: never
 
 
 def numbers_of(s: Sums, begin: float) -> MetricNumbers:
@@ -380,9 +362,12 @@ def _overshoot(s: Sums) -> float:
 
 
 def _settling_time(s: Sums) -> float:
-    """Return the time in s from the level's start after which the error stays in the band to the end."""
+    """Return the time in s from the level's start after which the error stays in the band to the end.
+
+    Infinite: it never does.
+    """
     if s.settled_at == inf or s.t - s.settled_at < SETTLED_FOR - _TOLERANCE:
-        return nan
+        return inf
     return s.settled_at - s.level_since
 
 

@@ -17,8 +17,8 @@ from ..console.terminal import print_title
 from ..recorded.run import BranchOf
 from ..replay.diff import FirstDifference
 from ..replay.doubts import Doubts
-from ..results import Keyword, Quantity, Result
-from ..views.compare import Comparison, Row, compare, table_grids
+from ..results import Keyword, Quantity, Result, number
+from ..views.compare import Comparison, compare, table_grids
 from ..views.task import not_ranked
 
 
@@ -43,20 +43,14 @@ class CompareResult(Result, document="compare-1"):
     """The document of ``trunk compare RUN...``."""
 
     runs: Annotated[Sequence[ComparedRun], Keyword("minItems", 1)]
-    different_tasks: Annotated[
-        Sequence[str], "Why the runs are not ranked: in what their tasks differ"
-    ]
+    different_tasks: Annotated[Sequence[str], "In what tasks differ: why runs are not ranked"]
     metrics: Annotated[Mapping[str, ComparedMetric], "By quantity"]
-    changed: Annotated[
-        Mapping[str, Sequence[ChangedParameter]], "While a run went on, by run and time"
-    ]
+    changed: Annotated[Mapping[str, Sequence[ChangedParameter]], "While it ran, by run and time"]
     parameters: Annotated[
-        Mapping[str, Sequence[object]],
-        "Those that differ: a value for each run, null where it has none",
+        Mapping[str, Sequence[object]], "That differ: a value for each run, or null"
     ]
     first_divergence: Annotated[
-        Mapping[str, FirstDifference | None],
-        "From the first run (a), by the other's name (b); null: none",
+        Mapping[str, FirstDifference | None], "From the first run (a), by name"
     ]
 
 
@@ -139,7 +133,7 @@ def as_markdown(comparison: Comparison) -> str:
     lines += [""] if lines else []
     rows = []
     for row in comparison.rows:
-        numbers = [number(row, i) for i in range(len(row.values))]
+        numbers = map(number, row.values)
         shown = [f"**{text}**" if i in row.best else text for i, text in enumerate(numbers)]
         quantity = _quantity(row.key)
         rows.append((quantity.label, quantity.unit, *shown))
@@ -168,12 +162,6 @@ def branched(comparison: Comparison) -> list[tuple[str, str]]:
 
 def _quantity(key: str) -> Quantity:
     return QUANTITIES.get(key, Quantity(key, ""))
-
-
-def number(row: Row, run: int) -> str:
-    """Return a run's metric as text."""
-    value = row.values[run]
-    return row.missing[run] if value is None else f"{value:.6g}"
 
 
 def settings(comparison: Comparison) -> list[tuple[str, ...]]:
@@ -211,10 +199,7 @@ def _show(comparison: Comparison) -> None:
         [
             (
                 _quantity(row.key).label,
-                *(
-                    f"{'* ' if i in row.best else ''}{number(row, i)}"
-                    for i in range(len(row.values))
-                ),
+                *(f"{'* ' * (i in row.best)}{number(v)}" for i, v in enumerate(row.values)),
                 _quantity(row.key).terminal_unit,
             )
             for row in comparison.rows

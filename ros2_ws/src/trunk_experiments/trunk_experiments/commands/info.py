@@ -51,14 +51,8 @@ class InfoResult(RecordingResult, document="info-1"):
     controllers: Sequence[str]
     provenance: Mapping[str, str]
     nodes: Sequence[str]
-    changed: Annotated[
-        Sequence[ChangedParameter], "What was changed while the run went on, by time"
-    ]
-    links: Annotated[
-        Mapping[str, str],
-        "What became of the messages of the simulator's links, and how many measurements failed; "
-        "empty: no links",
-    ]
+    changed: Annotated[Sequence[ChangedParameter], "What was changed while it ran, by time"]
+    links: Annotated[Mapping[str, str], "What became of the messages of links; empty: none"]
     topics: Mapping[str, TopicContent]
 
 

@@ -9,14 +9,13 @@ from typing import Annotated, NamedTuple
 
 import click
 
-from ..analysis.metrics import missing
 from ..console.document import json_option, schemas, write_json
 from ..console.reading import open_run
 from ..console.tables import aligned, print_table
 from ..console.verbs import Verbs
 from ..errors import PlanError
 from ..replay.doubts import RecordingResult, Word, about, doubts_of
-from ..results import Result
+from ..results import Result, number
 
 # Column headings of the metrics by which docs/paper.md judges.
 _SHOWN = {
@@ -195,8 +194,7 @@ def _show(folder: Path, entries: Sequence[ListedRun]) -> None:
 def _metric(run: ListedRun, name: str) -> str:
     if name not in run.metrics:
         return ""
-    value = run.metrics[name]
-    return missing(name) if value is None else f"{value:.4g}"
+    return number(run.metrics[name], 4)
 
 
 @command.command("scenarios")

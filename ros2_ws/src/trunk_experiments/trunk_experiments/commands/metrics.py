@@ -9,8 +9,8 @@ import click
 from trunk_msgs_util.errors import RecordingError
 from trunk_msgs_util.files import resolve_path
 
-from ..analysis.metrics import Metrics, has_level
-from ..analysis.run_table import recorded_metrics, table_and_metrics
+from ..analysis.metrics import Metrics
+from ..analysis.run_table import recorded_metrics
 from ..console.document import json_option, write_json
 from ..console.reading import open_run
 from ..console.tables import print_table
@@ -29,7 +29,7 @@ def show_metrics(run: RecordedRun, title: str) -> None:
     """Print a run's metrics as a table; warnings, and what makes them doubtful, first."""
     doubts = doubts_of(run)
     try:
-        table, measured = table_and_metrics(run)
+        measured = recorded_metrics(run)
     except RecordingError:
         show_warnings(doubts.lines)  # a likely cause
         raise
@@ -39,10 +39,7 @@ def show_metrics(run: RecordedRun, title: str) -> None:
     print_table(
         f"{title}, INCOMPLETE" if not doubts.complete else title,
         ("quantity", "value", "unit"),
-        [
-            (label, value, unit.replace("·", " "))
-            for label, value, unit in measured.rows(has_level(table))
-        ],
+        [(label, value, unit.replace("·", " ")) for label, value, unit in measured.rows()],
     )
 
 

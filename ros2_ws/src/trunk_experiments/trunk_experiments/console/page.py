@@ -67,9 +67,7 @@ class PageResult(Result, document="page-1"):
     address: Annotated[str, "Of the page; of trunk live, to control the run"]
     watch_address: Annotated[str, "Of the page, to watch only"]
     foxglove: Annotated[str | None, "Of the connection for Foxglove; null if it was not asked for"]
-    recording: Annotated[
-        Path | None, "What is written, or played; null for a graph that was joined"
-    ]
+    recording: Annotated[Path | None, "Written, or played; null for a graph that was joined"]
 
 
 def checked_host(host: str, url: str) -> str:

@@ -8,7 +8,6 @@ import unicodedata
 from base64 import b64encode
 from collections import Counter
 from importlib.resources import files
-from math import isinf
 from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
@@ -17,9 +16,8 @@ from matplotlib.figure import Figure
 
 from trunk_msgs_util.files import atomic_write
 
-from ..analysis.metrics import missing
 from ..recorded.run import RecordedRun
-from ..results import plain
+from ..results import number, plain
 from ..views.plots import paper_figure, save
 from ..views.report import make_report
 from ..views.report_page import write
@@ -61,7 +59,7 @@ def write_report(
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"number": _number, "formulas": formulas}
+    environment.filters |= {"number": number, "formulas": formulas}
     here = files(__package__)
     template = here.joinpath("report.html.j2").read_text(encoding="utf-8")
     page = environment.from_string(template).render(
@@ -157,7 +155,3 @@ def _mathml(formula: str) -> Markup:
             attribute = ' stretchy="false"' if text in "()[]" else ""
             row.append(Markup(f"<{tag}{attribute}>{{}}</{tag}>").format(text))
     return Markup("<math>{}</math>").format(Markup("").join(row))
-
-
-def _number(value: float | None, key: str) -> str:
-    return missing(key) if value is None or isinf(value) else f"{value:.5g}"

@@ -52,10 +52,9 @@ class Late(NamedTuple):
 
     steps: Annotated[Count, "Late steps"]
     of: Annotated[Count, "All steps"]
-    moved_deg: Annotated[
-        float | None,
-        "By how much the angle departs, at most, from the same plan in lock-step; null: not computed",
-    ] = None
+    moved_deg: Annotated[float | None, "By how much at most the angle departs from lock-step"] = (
+        None
+    )
 
 
 @dataclass(frozen=True)
@@ -64,27 +63,13 @@ class Doubts:
 
     complete: Annotated[bool, "The recorder finished the file and lost nothing"] = True
     reason: Annotated[str | None, "Why it is not complete; null if it is"] = None
-    ends_at_s: Annotated[
-        float | None, "The last true state of an incomplete run; null: it is complete, or has none"
-    ] = None
-    planned_s: Annotated[
-        float | None, "When an incomplete run was to end; null: never, not known, or it is complete"
-    ] = None
-    fell: Annotated[
-        float | None, "Simulated time of the first fall in s; null: no fall is recorded"
-    ] = None
+    ends_at_s: Annotated[float | None, "The last true state of an incomplete run, if any"] = None
+    planned_s: Annotated[float | None, "When an incomplete run was to end, if ever"] = None
+    fell: Annotated[float | None, "Of the first fall, simulated s; null: none is recorded"] = None
     fell_angle_deg: float | None = None
-    beyond_90: Annotated[
-        Beyond | None, "A run without a fall that ends beyond 90 degrees; null: it does not"
-    ] = None
-    silent: Annotated[
-        str | None,
-        "That in real time nobody's command held the trunk, or none at its end; null: not so, or not known",
-    ] = None
-    refused: Annotated[
-        tuple[str, ...],
-        "Messages that a node did not use, or took otherwise than they were meant: a line each",
-    ] = ()
+    beyond_90: Annotated[Beyond | None, "A run without a fall that ends beyond 90 degrees"] = None
+    silent: Annotated[str | None, "That nobody's command held the trunk, or none at its end"] = None
+    refused: Annotated[tuple[str, ...], "Messages not used, or not as meant: a line each"] = ()
     late: Annotated[Late | None, "null: time was exact, or the file was not read as a whole"] = None
     judged: Annotated[Word | None, "The verdict, where this verb recomputed the run; else null"] = (
         None

@@ -102,18 +102,13 @@ class Explanation(RecordingResult, document="explain-1"):
     derivative_mode: str
     disturbance: Annotated[Disturbance, "N, N m, m, rad; with what an operator does"]
     rules: Annotated[tuple[Rule, ...], _RULES, "That fired; empty for a law without"]
-    changed_tables: Annotated[
-        Mapping[str, str],
-        "Rule tables that are not the default ones: which cells, from the default",
-    ]
+    changed_tables: Annotated[Mapping[str, str], "Cells of rule tables that are not the defaults"]
     terms: Annotated[LawTerms, _TERMS, "As the law names them on ~/state; effort: after the limits"]
     units: Annotated[Mapping[str, str], "Of the terms"]
     by_model: Annotated[float, "N m, what a law adds from its model of the plant to P, I and D"]
     limits: Annotated[tuple[float, float], _LIMITS, "N m, in force at the update; null: none"]
     limited: Annotated[bool, "The limits changed the command"]
-    handing_over: Annotated[
-        bool, "Whether the limits are those of a handover, around the torque that acted"
-    ]
+    handing_over: Annotated[bool, "The limits are a handover's, around the torque that acted"]
     anti_windup: Annotated[Windup | None, "rad s; null: the law is not of the PID's kind"]
     took_over: Annotated[bool, "While the plant moved, from the torque that acted"]
     recorded: Annotated[float, "The recorded command, N m"]

@@ -24,6 +24,9 @@ def _known(terms: Mapping[str, float]) -> dict[str, float | None]:
     return {name: known(value) for name, value in terms.items()}
 
 
+_TERMS = As(Mapping[str, float | None], _known)
+
+
 class ExternalCommand(RecordingResult, document="explain-external-1"):
     """The document of ``trunk explain``, of somebody else's controller: a command, and what it answers.
 
@@ -40,11 +43,7 @@ class ExternalCommand(RecordingResult, document="explain-external-1"):
     true_angle: Annotated[Known, "rad"]
     disturbance: Annotated[Disturbance, "N, N m, m, rad"]
     applied: Annotated[Known, "N m, to the plant over the step that begins then"]
-    terms: Annotated[
-        Mapping[str, float],
-        As(Mapping[str, float | None], _known),
-        "By the node's own names; empty if it publishes none",
-    ]
+    terms: Annotated[Mapping[str, float], _TERMS, "By the node's own names; empty: none"]
 
 
 def external_command(run: RecordedRun, at: float) -> ExternalCommand:

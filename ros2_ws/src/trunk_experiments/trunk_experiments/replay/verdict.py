@@ -127,9 +127,7 @@ class CheckedPart(NamedTuple):
     reason: Annotated[str | None, "Why it is inconclusive"]
     from_s: float | None
     until_s: float | None
-    first_divergence: Annotated[
-        Sequence[str], "The first difference: topic, stamp, both values, distance in ULPs"
-    ]
+    first_divergence: Annotated[Sequence[str], "Topic, stamp, both values, distance in ULPs"]
 
 
 class Verification(RecordingResult, document="verify-1"):
@@ -141,10 +139,7 @@ class Verification(RecordingResult, document="verify-1"):
     verdict: Word
     extent: Annotated[str | None, "What was judged, in a few words"]
     parts: Annotated[tuple[CheckedPart, ...], "What was recomputed"]
-    altered: Annotated[
-        Sequence[str],
-        "What is not as the recorder wrote it, by its digests, even if no computed bit depends on it",
-    ]
+    altered: Annotated[Sequence[str], "What is not as the recorder wrote it, by its digests"]
     contradictions: Annotated[Sequence[str], "Where two parts of the recording do not agree"]
     obstacles: Annotated[Sequence[str], "Why the run cannot be judged as a whole"]
     not_judged: Annotated[Sequence[str], "What no check looks at"]

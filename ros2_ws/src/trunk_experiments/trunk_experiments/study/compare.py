@@ -147,9 +147,7 @@ class MetricDistribution:
     runs: Annotated[Count, "Of them, those that have the metric"]
     mean: Estimate
     median: Estimate
-    histogram: Annotated[
-        Bins | None, "The same bins for all controllers; null: no run has the metric"
-    ]
+    histogram: Annotated[Bins | None, "The same bins for all controllers; null: no values"]
 
     @property
     def of_stood(self) -> str:
@@ -306,7 +304,7 @@ class PairedDifference:
     low: Known
     high: Annotated[Known, "low and high bound the mean at 95 %; null: too few pairs"]
     smaller: Annotated[
-        Known, "Fraction of the pairs in which the first is smaller; a tie counts half"
+        Known, "Fraction of the pairs in which the first is smaller; ties count half"
     ]
 
     @property

@@ -196,7 +196,7 @@ def _metric(summary: RunSummary, name: str) -> float:
     if metrics is None or max(metrics.theta_max_deg, -metrics.theta_min_deg) >= FALLEN_DEG:
         return nan
     value = getattr(metrics, name)
-    return nan if value is None else abs(float(value))
+    return nan if value in (None, inf) else abs(float(value))
 
 
 @contextmanager

@@ -34,15 +34,11 @@ class Limit(NamedTuple):
     """How far a parameter may go with a controller, in the parameter's SI unit."""
 
     controller: str
-    stands: Annotated[
-        float | None, "From the first value to here every tried one stands; null: it falls"
-    ]
+    stands: Annotated[float | None, "From the first value to here all tried stand; null: none"]
     falls: Annotated[float | None, "The first tried value beyond it, which falls; null: none does"]
     stands_again: Annotated[tuple[float, ...], "Tried values beyond that, which stand"]
     runs: Annotated[int, Keyword("minimum", 1)]
-    recordings: Annotated[
-        tuple[Path, ...], "Of the runs on either side, as far as there are any"
-    ] = ()
+    recordings: Annotated[tuple[Path, ...], "Of the runs on either side, if there are any"] = ()
 
 
 class PulseConditions(NamedTuple):
@@ -195,13 +191,9 @@ class LimitResult(Result, document="limit-1"):
 
     parameter: str
     unit: str
-    pulses: Annotated[
-        PulseConditions | None, "Of the disturbance; null: none. In it, null is what varies"
-    ]
+    pulses: Annotated[PulseConditions | None, "Of the disturbance; in it, null is what varies"]
     push: Annotated[PushCondition | None, "Whose value varies, with --push; else null"]
-    fall_angle: Annotated[
-        float | None, "A run stands if the trunk stays within it; null: it varies"
-    ]
+    fall_angle: Annotated[float | None, "A run stands within it; null: it varies"]
     duration: Annotated[float | None, "Of each run; null: it varies"]
     limits: Annotated[list[Limit], "One for each controller; empty with --study"]
     survival: Annotated[list[Survival], "With --study: one curve for each controller"]

@@ -24,7 +24,7 @@ from ..errors import StudyError
 from ..plans.plan import RunPlan
 from ..recorded.run import RecordedRun
 from ..replay.bits import same, ulps
-from ..results import Count, Result
+from ..results import Count, Result, known
 from ..runs.offline_recording import Progress, record_offline
 from .rows import Bases, bases_from, plan_of
 from .study import StudySpec, design, parse_study
@@ -169,9 +169,7 @@ class StudyDiff(Result, document="diff-study-1"):
     runs_compared: Annotated[Count, "Those that both have"]
     differing_runs: Annotated[Count, "With those that only one has"]
     first: Annotated[FirstCell | None, "null: none"]
-    furthest_ulps: Annotated[
-        Count | None, "Between two numbers; null: none differ, or one is no number"
-    ]
+    furthest_ulps: Annotated[Count | None, "Between two numbers; null: none differ"]
     metadata: Sequence[str]
 
     def describe(self) -> str:
@@ -349,7 +347,8 @@ def _outcome(path: Path, diverged: DivergedError | None) -> dict[str, Any]:
             "diverged_at_s": float(table.t[-1]),
             **dict.fromkeys(METRICS),
         }
-    return {"status": "ok", "diverged_at_s": None, **metrics.as_dict()}
+    numbers = {name: value and known(value) for name, value in metrics.as_dict().items()}
+    return {"status": "ok", "diverged_at_s": None, **numbers}
 
 
 def _why(results: Results) -> str:

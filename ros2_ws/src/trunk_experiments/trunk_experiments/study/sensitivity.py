@@ -52,14 +52,10 @@ class Sensitivity:
     metric: Annotated[str, "fallen: 1 where the trunk fell, else 0"]
     runs: Count
     fell: Count
-    filled: Annotated[
-        Count, "Runs that fell or have no such metric; they count as the worst of the others"
-    ]
-    doubtful: Annotated[
-        bool, "More than 5 % are filled: the indices reflect falls more than the metric"
-    ]
+    filled: Annotated[Count, "Runs without the metric; they count as the worst of the others"]
+    doubtful: Annotated[bool, "More than 5 % are filled"]
     parameters: Annotated[
-        tuple[Index, ...], "The largest total first; empty: the metric is the same in all runs"
+        tuple[Index, ...], "The largest total first; empty: the metric does not vary"
     ]
 
 

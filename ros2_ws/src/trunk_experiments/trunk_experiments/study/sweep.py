@@ -81,7 +81,8 @@ def run_block(block: RunBlock, maker: Maker | None = None) -> pa.Table:
     arrays["reason"] = pa.array(map(ended.refused.get, range(len(status))), pa.string())
     numbers = ended.diverged_at, *ended.metrics
     for name, values in zip(("diverged_at_s", *METRICS), numbers, strict=True):
-        arrays[name] = pa.array(values, pa.float64(), from_pandas=True)  # NaN: null
+        known = np.where(np.isinf(values), np.nan, values)  # a time of settling that is never
+        arrays[name] = pa.array(known, pa.float64(), from_pandas=True)  # NaN: null
     return pa.table(arrays).replace_schema_metadata({_PROGRAM: sources(), _CONTENT: block.content})
 
 

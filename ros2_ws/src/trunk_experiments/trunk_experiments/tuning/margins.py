@@ -113,10 +113,7 @@ class MarginsResult(Result, document="margins-1"):
     file: Annotated[Path | None, "The recording; null: of parameters"]
     output: Annotated[Path | None, "The picture; null: none asked for"]
     update_rate_hz: float
-    margins: Annotated[
-        list[LoopMargins],
-        "Of the sampled loop about the upright; of a fuzzy gain box also at its corners",
-    ]
+    margins: Annotated[list[LoopMargins], "About the upright; also at corners of a gain box"]
 
 
 def plan_margins(plan: RunPlan) -> list[LoopMargins]:

@@ -179,7 +179,7 @@ def search(
             tried = changed(plan.controller, values)
             outcome = batch.run(plan.with_controller(tried)).metrics()
             value = None if outcome is None else getattr(outcome, metric)
-            total += FAILED if value is None else abs(float(value))
+            total += FAILED if value in (None, inf) else abs(float(value))
         return total / len(plans)
 
     generations_done = count(1)

@@ -27,9 +27,7 @@ class ExportedFile(NamedTuple):
     """A file that was written."""
 
     file: Path
-    rows: Annotated[
-        Count | None, "Of a table, or the states that an animation covers; null for MCAP"
-    ]
+    rows: Annotated[Count | None, "Of a table, or states of an animation; null for MCAP"]
     messages: Annotated[Count | None, "Of an MCAP file; null for others"]
 
 

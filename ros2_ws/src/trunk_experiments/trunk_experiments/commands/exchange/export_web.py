@@ -34,8 +34,7 @@ class ExportWebResult(Result, document="export-web-1"):
     states: Annotated[int, Keyword("minimum", 1), "Of a whole run"]
     knobs: Annotated[list[str], "NODE.PARAM that the page can change"]
     commands: Annotated[
-        Mapping[str, list[str]],
-        "By controller, the words of the command that makes the run of the page as it opens",
+        Mapping[str, list[str]], "The words that make the page's run, by controller"
     ]
 
 

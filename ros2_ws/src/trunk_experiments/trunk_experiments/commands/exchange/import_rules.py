@@ -53,9 +53,7 @@ class ImportRulesResult(Result, document="import-fuzzy-1"):
     exact: Annotated[bool, "Nothing deviates but by rounding"]
     peaks: ImportedPeaks
     deviation: Annotated[ImportedDeviation, "The greatest of 100,000 points"]
-    silent_terms: Annotated[
-        Sequence[str], "Of the file, as variable: term, those that are 0 over the whole range"
-    ]
+    silent_terms: Annotated[Sequence[str], "variable: term, those that are 0 over the whole range"]
     parameters: Annotated[Mapping[str, object], "The controller's"]
 
 

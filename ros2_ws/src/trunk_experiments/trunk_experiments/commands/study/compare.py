@@ -71,10 +71,7 @@ class CompareStudyResult(Result, document="compare-study-1"):
 
     study: Annotated[Path, "The sweep's file"]
     falls: Annotated[Sequence[Falls], "How often each controller fell"]
-    distributions: Annotated[
-        Sequence[MetricDistribution],
-        "Magnitudes of each metric, over the runs in which the controller stood",
-    ]
+    distributions: Annotated[Sequence[MetricDistribution], "Over the runs in which it stood"]
     differences: Sequence[PairedDifference]
 
 

@@ -50,14 +50,7 @@ class TuneResult(Result, document="tune-1"):
     output: Annotated[Path | None, "The parameter file; null: none asked for"]
     parameters: Mapping[str, object]
     update_rate_hz: float
-    margins: Annotated[
-        Sequence[LoopMargins],
-        "Of the sampled loop about the upright; of a fuzzy gain box also at its corners",
-    ]
-    relay: Annotated[
-        Relay | None, "tune relay: Ku in N m/rad, Tu in s, rad; by the experiment and by Routh"
-    ] = None
+    margins: Annotated[Sequence[LoopMargins], "About the upright; also at corners of a gain box"]
+    relay: Annotated[Relay | None, "tune relay: Ku in N m/rad, Tu in s, rad"] = None
     search: Annotated[SearchResult | None, "tune optimise: the metric's mean"] = None
-    study: Annotated[
-        StudySearchResult | None, "tune optimise --study: on the draws of the search, and on others"
-    ] = None
+    study: Annotated[StudySearchResult | None, "tune optimise --study: also on other draws"] = None
