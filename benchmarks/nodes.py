@@ -34,7 +34,7 @@ from trunk_experiments.gateway.process import LOOPBACK, GatewayProcess
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.late import late_steps
+from trunk_experiments.replay.doubts import late_steps
 from trunk_experiments.runs.graph import run_graph
 from trunk_experiments.runs.node_processes import NodeProcess, find_executable, stop
 from trunk_experiments.runs.run_files import RunFiles
@@ -437,7 +437,7 @@ def _real_time(plan: RunPlan, files: RunFiles) -> dict[str, float]:
     answers_ns = observer.written_ns[topics.EFFORT_COMMAND]
     timed = timing(states_ns, answers_ns, plan.simulator.update_rate)
     return {
-        "late steps": float(late.late if late else 0),
+        "late steps": float(late.steps if late else 0),
         "unanswered states": float(len(states_ns.keys() - answers_ns.keys())),
         **{name: value for name, value in timed.items() if name.startswith("latency")},
     }

@@ -40,7 +40,7 @@ def documents() -> str:
 def _documents(words: str, verb: click.Command) -> Iterator[tuple[str, str]]:
     for option in verb.params:
         if isinstance(option, JsonOption):
-            yield f"`{words}`", ", ".join(f"`{name}`" for name in option.documents)
+            yield f"`{words}`", ", ".join(f"`{kind.document}`" for kind in option.documents)
     if isinstance(verb, click.Group):
         context = click.Context(verb)
         for name in verb.list_commands(context):

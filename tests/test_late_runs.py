@@ -13,8 +13,7 @@ from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import doubts
-from trunk_experiments.replay.doubts import doubts_of
-from trunk_experiments.replay.late import Late, late_steps
+from trunk_experiments.replay.doubts import Late, doubts_of, late_steps
 from trunk_experiments.runs.loop_inputs import states_of
 from trunk_experiments.runs.offline_recording import record_offline
 
@@ -43,7 +42,7 @@ def test_a_run_that_kept_time_is_not_marked(tmp_path):
     assert late_steps(run) == Late(0, 1300)
     found = doubts_of(run)
     assert not found
-    assert found.moved_deg == 0.0
+    assert found.late.moved_deg == 0.0
 
 
 @pytest.mark.parametrize(("late", "count"), [((7, 8, 500), 3), ((), 0), ((300,), 1)])
@@ -62,7 +61,7 @@ def test_a_slower_controller_is_not_late(tmp_path):
 
 def test_how_far_the_angle_was_moved(tmp_path, monkeypatch):
     path = in_real_time(tmp_path / "a.mcap", [7])
-    assert doubts_of(RecordedRun.open(path), twin=False).moved_deg is None
+    assert doubts_of(RecordedRun.open(path), twin=False).late.moved_deg is None
     lines = doubts_of(RecordedRun.open(path)).lines
     assert lines == [f"{LATE}; in lock-step the angle differs by up to 0.00194 degrees{ADVICE}"]
     monkeypatch.setattr(doubts, "LONGEST_TWIN", 10)
@@ -74,7 +73,7 @@ def test_a_run_without_states_has_none_that_moved(tmp_path):
         messages[:] = [m for m in messages if m[0] != "/ground_truth/joint_states"]
 
     copied(in_real_time(tmp_path / "a.mcap"), tmp_path / "b.mcap", empty, ANEW)
-    assert doubts_of(RecordedRun.open(tmp_path / "b.mcap")).moved_deg is None
+    assert doubts_of(RecordedRun.open(tmp_path / "b.mcap")).late is None
 
 
 @pytest.mark.slow
@@ -82,8 +81,8 @@ def test_a_run_that_departs_from_lockstep_is_marked_even_if_no_command_was_late(
     run = RecordedRun.open(in_real_time(tmp_path / "a.mcap"))
     run.parameters["pid"]["gains.p"] *= 0.5
     found = doubts_of(run)
-    assert found.late == 0
-    assert found.moved_deg > 1.0
+    assert found.late.steps == 0
+    assert found.late.moved_deg > 1.0
     assert found
 
 

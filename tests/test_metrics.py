@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from math import degrees, radians
+from math import degrees, inf, radians
 
 import numpy as np
 import pytest
@@ -78,13 +78,13 @@ def test_settling_counts_from_the_last_change_to_the_last_time_outside():
     theta[400] = 1.0 + radians(5.9)
     assert metrics(table(theta, reference)).settling_time_6deg_s == pytest.approx(1.01)
     theta[500] = 1.0 - radians(6.1)  # leaves 0.99 s
-    assert metrics(table(theta, reference)).settling_time_6deg_s is None
+    assert metrics(table(theta, reference)).settling_time_6deg_s == inf
     theta[500] = 1.0
     theta[499] = 1.0 - radians(6.1)  # leaves 1.00 s
     assert metrics(table(theta, reference)).settling_time_6deg_s == pytest.approx(3.0)
     assert metrics(table(np.zeros(601))).settling_time_6deg_s == 0.0
     assert metrics(table(np.full(601, SETTLING_BAND))).settling_time_6deg_s == 0.0
-    assert metrics(table(np.ones(601))).settling_time_6deg_s is None
+    assert metrics(table(np.ones(601))).settling_time_6deg_s == inf
 
 
 def test_steady_state_is_the_last_two_seconds():

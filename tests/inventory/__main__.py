@@ -66,8 +66,8 @@ def lines() -> Iterator[str]:
             yield f"executable {entry.dist.name.replace('-', '_')}: {entry.name}"
     for module in (trunk_experiments.api, trunk_control.api):
         yield from library(module)
-    for name, path in sorted(schemas().items()):
-        text = json.dumps(json.loads(path.read_text(encoding="utf-8")), sort_keys=True)
+    for name, schema in schemas(trunk).items():
+        text = json.dumps(schema, sort_keys=True)
         yield f"document {name}: SHA-256 {hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 

@@ -17,7 +17,7 @@ from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.branch import Branch
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.late import Late, late_steps
+from trunk_experiments.replay.doubts import Late, late_steps
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event

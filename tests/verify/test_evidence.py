@@ -14,8 +14,7 @@ from trunk_experiments.recorded.inputs import pulses_of
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import rerun
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.doubts import doubts_of, refused
-from trunk_experiments.replay.late import late_steps
+from trunk_experiments.replay.doubts import doubts_of, late_steps, refused
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.replay.verify import verdict_on as verdict_of
 from trunk_experiments.runs import engine
@@ -280,7 +279,7 @@ def test_which_of_two_equal_disturbances_was_in_force_is_not_known(in_time, tmp_
 
     path = tmp_path / "a.mcap"
     assert verdict_on(in_time, path, edit_row(older)).exit_code == VERIFIED
-    assert late_steps(RecordedRun.open(path)).late == 1
+    assert late_steps(RecordedRun.open(path)).steps == 1
 
 
 def test_a_fall_left_out_with_its_limit_raised_is_the_same_motion(tmp_path):
@@ -306,8 +305,8 @@ def test_too_many_processes_are_not_run_again(in_time, monkeypatch):
 def test_a_late_run_is_doubtful_and_how_far_it_was_moved_is_known(in_time, late):
     assert not doubts_of(RecordedRun.open(in_time))
     doubts = doubts_of(RecordedRun.open(late))
-    assert (doubts.late, doubts.steps) == (200, 200)
-    assert doubts.moved_deg > 0.01
+    assert (doubts.late.steps, doubts.late.of) == (200, 200)
+    assert doubts.late.moved_deg > 0.01
 
 
 def take_back_count(messages):

@@ -12,9 +12,6 @@ from trunk_experiments.cli import trunk
 from trunk_experiments.console.document import JsonOption, schemas
 
 jsonschema = pytest.importorskip("jsonschema")
-referencing = pytest.importorskip("referencing")
-
-SHARED = "common-1"  # no document: the other schemas refer to it
 
 
 def leaves(command, context, words=()):
@@ -29,22 +26,17 @@ def leaves(command, context, words=()):
 
 def documents_of(command):
     """Return the documents that a command's ``--json`` names, for each such option."""
-    return [p.documents for p in command.params if isinstance(p, JsonOption)]
+    options = [p for p in command.params if isinstance(p, JsonOption)]
+    return [tuple(kind.document for kind in option.documents) for option in options]
 
 
 VERBS = dict(leaves(trunk, None))
+SCHEMAS = schemas(trunk)
 
 
 def validator(name):
-    """Return the checker of a document; ``common-1.json`` is next to the schema, as in the package."""
-
-    def beside(uri):
-        text = schemas()[uri.removesuffix(".json")].read_text(encoding="utf-8")
-        return referencing.Resource.from_contents(json.loads(text))
-
-    schema = json.loads(schemas()[name].read_text(encoding="utf-8"))
-    registry = referencing.Registry(retrieve=beside)
-    return jsonschema.Draft202012Validator(schema, registry=registry)
+    """Return the checker of a document."""
+    return jsonschema.Draft202012Validator(SCHEMAS[name])
 
 
 def strict(text: str) -> dict[str, Any]:

@@ -75,7 +75,7 @@ def test_every_column_has_a_unit_and_is_an_attribute(run):
 def test_explanations_branches_and_reports_are_those_of_the_commands(run, tmp_path):
     why = trunk.explain(run, at=1.06)
     assert why.agrees
-    assert why.terms.p_term == run.terms["p_term"][run.t == why.update]
+    assert why.terms.p_term == run.terms["p_term"][run.t == why.update_s]
     other = trunk.branch(run, 0.5, overrides={"pid.gains.p": 70.0}, output=tmp_path / "b.mcap")
     assert other.theta[:501].tobytes() == run.theta[:501].tobytes()
     assert set(other.kp[501:]) == {70.0}
@@ -102,10 +102,12 @@ def test_tuned_gains_are_overrides_of_a_plan():
 
 def test_a_relay_gives_table_1s_gains():
     relay = trunk.relay(0.02, 0.5)
-    assert (relay.ku, relay.exact_ku) == pytest.approx((22.2997, 25.4), rel=2e-3)  # docs/paper.md
+    assert (relay.gain, relay.exact_gain) == pytest.approx(
+        (22.2997, 25.4), rel=2e-3
+    )  # docs/paper.md
     plan = trunk.plan("demo", "pid", overrides=relay.overrides)
-    assert plan.parameters["pid"]["gains.p"] == pytest.approx(0.6 * relay.ku)
-    assert relay.overrides["pid.gains.d"] / (0.6 * relay.ku) == pytest.approx(relay.tu / 8.0)
+    assert plan.parameters["pid"]["gains.p"] == pytest.approx(0.6 * relay.gain)
+    assert relay.overrides["pid.gains.d"] / (0.6 * relay.gain) == pytest.approx(relay.period / 8.0)
     with pytest.raises(trunk.PlanError, match=r"no ultimate gain: .* damping > 0\.0981 N m s/rad"):
         trunk.relay(0.02, 0.05)
 
@@ -213,8 +215,8 @@ def test_results_cannot_be_changed(run, swept):
 
 def test_a_verdict_counts_the_steps_and_notices_a_missing_signature(run, tmp_path):
     found = trunk.verify(run)
-    assert (found.verified, found.verdict, found.reasons) == (True, "verified", ())
-    assert found.steps == sum(one.steps for one in found.checked) > 2600
+    assert (found.verified, found.verdict, found.reasons) == (True, "verified", [])
+    assert found.steps == sum(one.steps_checked for one in found.parts) > 2600
     key = tmp_path / "key.pub"
     key.write_text(
         "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIE3gnQfZ0nMOZ3mJ8bRRs3zXf5cU6TxQh8N4dH4FWg0R\n"
@@ -344,6 +346,6 @@ def test_names_are_listed_with_a_line_about_each():
     assert trunk.controllers()["fuzzy_pid"] == "Fuzzy-PID"
     assert "pid_as_printed" in trunk.parameter_files()
     assert "robustness" in trunk.studies()
-    mass = {one.name: one for one in trunk.parameters("simulator")}["plant.trunk_mass"]
+    mass = trunk.parameters("simulator")["plant.trunk_mass"]
     assert (mass.default, mass.unit, mass.fixed) == (0.5, "kg", False)
     assert "> 0" in mass.allowed

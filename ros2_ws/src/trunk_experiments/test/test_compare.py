@@ -140,6 +140,8 @@ def test_a_run_without_a_level_is_not_said_to_never_settle(short_run):
     settling = next(line for line in text.splitlines() if "settling" in line)
     assert "not defined" in settling
     assert "never" in settling
+    values = json.loads(invoke(tracked, swinging, "--json"))["metrics"]["settling_time_6deg_s"]
+    assert values["values"] == [None, "Infinity"]
     alone = CliRunner().invoke(trunk, ["metrics", str(tracked)]).output
     assert "never" not in alone
     report = render(make_report([RunView.read(RecordedRun.open(tracked))]))

@@ -11,8 +11,8 @@ from mcap.reader import make_reader
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.doubts import Doubts, doubts_of
-from trunk_experiments.replay.late import late_steps
+from trunk_experiments.replay.doubts import Doubts, Late, doubts_of, late_steps
+from trunk_experiments.results import values
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.compare import best_of
 from trunk_msgs_util.errors import RecordingError
@@ -40,7 +40,7 @@ def fallen(path):
 @pytest.mark.slow
 def test_a_fall_comes_first(tmp_path, trunk):
     path = fallen(tmp_path / "fallen.mcap")
-    assert doubts_of(RecordedRun.open(path)).fell_at_s == 0.0
+    assert doubts_of(RecordedRun.open(path)).fell == 0.0
     for verb in ("metrics", "info"):
         code, out, _ = trunk(verb, path)
         assert (code, out.splitlines()[0]) == (0, "FELL: at t = 0 s, 30 degrees")
@@ -57,14 +57,14 @@ def test_only_sound_runs_can_be_best():
 
 
 def test_words_and_values():
-    found = Doubts("the disk is full", 0.5, 10.0, 1.06, -93.2, 35, 10_000, 140.2)
+    found = Doubts(False, "the disk is full", 0.5, 10.0, 1.06, -93.2, late=Late(35, 10_000, 140.2))
     moved = "in lock-step the angle differs by up to 140 degrees"
     assert found.lines == [
         "INCOMPLETE: the disk is full; ends at 0.5 of 10 s",
         "FELL: at t = 1.06 s, -93 degrees",
         f"LATE: the machine was too busy, 35 of 10000 steps late; {moved}{ADVICE}",
     ]
-    assert found.as_values("diverges") == {
+    assert values(replace(found, judged="diverges")) == {
         "complete": False,
         "reason": "the disk is full",
         "ends_at_s": 0.5,
@@ -77,7 +77,7 @@ def test_words_and_values():
         "late": {"steps": 35, "of": 10_000, "moved_deg": 140.2},
         "judged": "diverges",
     }
-    assert Doubts().as_values() == {
+    assert values(Doubts()) == {
         "complete": True,
         "reason": None,
         "ends_at_s": None,
@@ -91,7 +91,7 @@ def test_words_and_values():
         "judged": None,
     }
     in_time = {"steps": 0, "of": 500, "moved_deg": 0.0}
-    assert Doubts(steps=500, moved_deg=0.0).as_values()["late"] == in_time
+    assert values(Doubts(late=Late(0, 500, 0.0)))["late"] == in_time
 
 
 def cut(source: Path, path: Path) -> Path:

@@ -31,7 +31,7 @@ def test_terms_equal_the_recorded_ones(short_run, scenario, controller, at):
     found = explain(run, at)
     state = run.joints(f"{controller}/state")
     row = int(np.flatnonzero(state.stamp_ns <= round(at * 1e9))[-1])
-    assert found.update == state.stamp_ns[row] / 1e9
+    assert found.update_s == state.stamp_ns[row] / 1e9
     for name in (*FIELDS, "unsaturated", "effort"):
         assert getattr(found.terms, name) == state.column("position", name)[row], name
     assert found.agrees
@@ -81,18 +81,18 @@ def test_limits_and_anti_windup(short_run):
     limited, free = explain(run, 1.0), explain(run, 0.5)
     assert limited.limited
     assert limited.terms.effort == -100.0 > limited.terms.unsaturated
-    assert limited.windup.acted
-    assert limited.windup.after == limited.windup.before != limited.windup.used
+    assert limited.anti_windup.acted
+    assert limited.anti_windup.after == limited.anti_windup.before != limited.anti_windup.used
     assert not free.limited
-    assert not free.windup.acted
-    assert free.windup.after == free.windup.before + free.windup.increment
+    assert not free.anti_windup.acted
+    assert free.anti_windup.after == free.anti_windup.before + free.anti_windup.increment
 
 
 def test_between_updates_the_held_command_is_explained(short_run):
     run = short_run("fig8", "pid", settings=("pid.update_rate=100.0",))
     found = explain(RecordedRun.open(run), 0.5079)
-    assert found.update == 0.5
-    assert found.windup.increment == pytest.approx(0.01 * found.terms.error)
+    assert found.update_s == 0.5
+    assert found.anti_windup.increment == pytest.approx(0.01 * found.terms.error)
     assert found.agrees
 
 
@@ -121,10 +121,10 @@ def test_the_first_update_after_a_reset(tmp_path):
     plan = replace(plan, changes={"pid": [Change(503_000_000, None)]})
     record_offline(plan, tmp_path / "run.mcap")
     found = explain(RecordedRun.open(tmp_path / "run.mcap"), 0.505)
-    assert found.update == 0.504
-    assert found.windup.before == 0.0
-    assert found.windup.increment == 0.01 * found.terms.error  # its period, not the 4 ms since
-    assert not found.windup.acted
+    assert found.update_s == 0.504
+    assert found.anti_windup.before == 0.0
+    assert found.anti_windup.increment == 0.01 * found.terms.error  # its period, not the 4 ms since
+    assert not found.anti_windup.acted
     assert found.agrees
 
 

@@ -71,15 +71,15 @@ def test_a_search_is_reproducible_and_judged_on_other_draws(study, draws):
     assert learn(*words, lambda *_: None).values == first.values
     assert heard[-1] == (2, first.after)
     assert first.after < first.before
-    assert first.after == cost(outcome(draws, "rules", first.values, "iae"), first.fall)
+    assert first.after == cost(outcome(draws, "rules", first.values, "iae"), first.fall_costs)
     others = Draws(replace(study, seed=99), draws.bases)
-    assert [o.label for o in first.held_out] == ["rules", "rules, learned", "pid"]
+    assert [o.controller for o in first.held_out] == ["rules", "rules, learned", "pid"]
     for held_out, values in zip(first.held_out, ({}, first.values, {}), strict=True):
-        label = held_out.label.partition(",")[0]
+        label = held_out.controller.partition(",")[0]
         assert np.array_equal(
             held_out.metric, outcome(others, label, values, "iae"), equal_nan=True
         )
-    assert not np.array_equal(first.held_out[0].metric, first.trained[0].metric, equal_nan=True)
+    assert not np.array_equal(first.held_out[0].metric, first.searched[0].metric, equal_nan=True)
 
 
 @pytest.mark.parametrize(

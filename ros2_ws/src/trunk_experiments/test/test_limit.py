@@ -39,6 +39,7 @@ class PlanAt(NamedTuple):
 
     value: float
     simulator: SimulatorConfig = SimulatorConfig()
+    controller_name: str = "pid"
 
 
 def stands_below(*spans):
@@ -193,7 +194,7 @@ def test_the_recordings_are_of_both_sides(command_says, tmp_path):
     stands, falls = (RecordedRun.open(path) for path in row["recordings"])
     for run, value in ((stands, row["stands"]), (falls, row["falls"])):
         assert run.plan().disturbance.pulse_magnitude == value
-    fell = [doubts_of(run, twin=False).fell_at_s for run in (stands, falls)]
+    fell = [doubts_of(run, twin=False).fell for run in (stands, falls)]
     assert [at is None for at in fell] == [True, False]
     code, _, err = command_says(*PUSH, "--controller", "pid", "-o", str(tmp_path))
     assert (code, "it exists" in err) == (2, True)

@@ -14,6 +14,7 @@ from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.plans.files import SCENARIOS
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.results import plain
 
 from ...trunk_msgs_util.test.mcap_files import ANEW, copied, each
 
@@ -88,7 +89,7 @@ def test_the_main_metrics_are_those_of_the_run(short_run, tmp_path, told):
         "iae",
     }
     run = RecordedRun.open(tmp_path / "one.mcap")
-    values = metrics(RunTable.from_run(run)).as_dict()
+    values = plain(metrics(RunTable.from_run(run)).as_dict())
     assert found["metrics"] == {name: values[name] for name in found["metrics"]}
 
 
@@ -126,8 +127,8 @@ def test_what_is_shipped(told, what, names):
     code, out, _ = told(what)
     assert code == 0
     document = json.loads(told(what, "--json")[1])
-    found = document["controllers" if what == "controllers" else "files"]
+    found = document[what if what in ("controllers", "schemas") else "files"]
     assert [line.split()[0] for line in out.splitlines()] == list(found)
     assert names <= found.keys()
-    if what != "controllers":
+    if "files" in document:
         assert all(Path(path).is_file() for path in found.values())

@@ -12,16 +12,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_experiments.analysis.metrics import RunMetrics
+from trunk_experiments.analysis.metrics import Metrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.paper import report as paper_report
 from trunk_experiments.paper.claims import CLAIMS, NOT, PARTLY, REPRODUCED, judge
 from trunk_experiments.paper.errata import ERRATA, plain, single_repairs
 from trunk_experiments.paper.report import formulas
-from trunk_experiments.paper.reproduction import Reproduction, as_json
+from trunk_experiments.paper.reproduction import Reproduction, paper_numbers
 from trunk_experiments.paper.runs import PROFILES, PaperRun, cases, undershoot
+from trunk_experiments.results import values as json_values
 
-NAMES = [f.name for f in fields(RunMetrics)]
+NAMES = [f.name for f in fields(Metrics)]
 
 
 def invented(seed):
@@ -37,7 +38,7 @@ def invented(seed):
         diverged = rng.random() < 0.1
         runs[case] = PaperRun(
             case,
-            None if diverged else RunMetrics(**values),
+            None if diverged else Metrics(**values),
             inf if diverged else float(rng.exponential()),
             "diverged" if diverged else "",
         )
@@ -48,7 +49,7 @@ def invented(seed):
 @settings(max_examples=40)
 def test_a_verdicts_text_agrees_with_its_numbers(seed):
     result = Reproduction(runs=invented(seed), graph=invented(seed))
-    text = json.dumps(as_json(result), allow_nan=False)  # as a reader gets it
+    text = json.dumps(json_values(paper_numbers(result)), allow_nan=False)  # as a reader gets it
     for claim in json.loads(text)["claims"]:
         for kind in ("offline", "graph", "practical"):
             verdict = claim[kind]
@@ -78,7 +79,7 @@ def test_a_claim_flips_with_its_deciding_number():
         values = {**dict.fromkeys(NAMES, 1.0), "steady_state_error_rms_deg": rms}
         for case in runs:
             if case.contender in names:
-                runs[case] = PaperRun(case, RunMetrics(**values), 0.0)
+                runs[case] = PaperRun(case, Metrics(**values), 0.0)
         assert judge(steady, runs, PROFILES[0]).word == word
 
 

@@ -66,6 +66,8 @@ def test_a_recording_is_verified_explained_and_reported(law, size, tmp_path):
     rule = explanation.rules[0]
     assert rule.error_label in plan.controller.axes.error
     assert rule.rate_label in plan.controller.axes.rate
-    assert list(explanation.changed) == [f"rules.{table.name}" for table in plan.controller.tables]
+    assert list(explanation.changed_tables) == [
+        f"rules.{table.name}" for table in plan.controller.tables
+    ]
     page = render(make_report([RunView.read(run)]))
     assert page.count('<th scope="col">r') >= size[1]

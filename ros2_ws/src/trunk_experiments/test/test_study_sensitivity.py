@@ -62,17 +62,17 @@ def test_indices_of_a_sum_and_a_product_are_found():
         return (row["a"] - 1.5) * (row["b"] - 1.5) + 5.0  # none alone, both together
 
     some = found(runner_of(metric))
-    told = {i.parameter: i for i in some["pid", "iae"].indices}
-    assert [i.parameter for i in some["pid", "iae"].indices] == ["a", "b", "c"]
+    told = {i.name: i for i in some["pid", "iae"].parameters}
+    assert [i.name for i in some["pid", "iae"].parameters] == ["a", "b", "c"]
     for name, share in (("a", 0.9), ("b", 0.1), ("c", 0.0)):
         for estimate in (told[name].first, told[name].total):
             assert estimate.value == pytest.approx(share, abs=0.05)
             assert estimate.low - 1e-9 <= share <= estimate.high + 1e-9
-    product = {i.parameter: i for i in some["fuzzy_pid", "iae"].indices}
+    product = {i.name: i for i in some["fuzzy_pid", "iae"].parameters}
     for name, total in (("a", 1.0), ("b", 1.0), ("c", 0.0)):
         assert product[name].first.value == pytest.approx(0.0, abs=0.2)
         assert product[name].total.value == pytest.approx(total, abs=0.2)
-    assert some["pid", FELL].indices == ()  # nobody fell
+    assert some["pid", FELL].parameters == ()  # nobody fell
     assert not some["pid", "iae"].doubtful
     assert found(runner_of(metric), n=8) == found(runner_of(metric), n=8)  # seeded
 
@@ -86,9 +86,9 @@ def test_runs_that_fell_are_counted_and_are_the_worst():
     assert falls.filled == 0
     assert falls.fell == iae.filled == iae.fell > 0.2 * iae.runs
     assert iae.doubtful
-    assert falls.indices[0].parameter == "b"
-    assert falls.indices[0].total.value == pytest.approx(1.0, abs=0.1)
-    assert next(i for i in iae.indices if i.parameter == "b").total.value > 0.1
+    assert falls.parameters[0].name == "b"
+    assert falls.parameters[0].total.value == pytest.approx(1.0, abs=0.1)
+    assert next(i for i in iae.parameters if i.name == "b").total.value > 0.1
 
 
 def test_a_refused_run_ends_it_in_one_line():

@@ -259,7 +259,7 @@ def test_the_library_takes_paths(here):
     overrides = {"pid.reference.profile": "sequence", "pid.reference.file": here / "mine/ref.csv"}
     plan = trunk.plan("demo", "pid", overrides=overrides)
     assert plan.parameters["pid"]["reference.values"] == DEGREES
-    names = {one.name for one in trunk.parameters("disturbance")}
+    names = set(trunk.parameters("disturbance"))
     assert names == {*declarations(NODES["disturbance"].config), "table.file"}
     with pytest.raises(trunk.TrunkError, match=r"no such file: give a CSV file's path$"):
         trunk.plan("demo", "pid", overrides={**overrides, "pid.reference.file": "none.csv"})

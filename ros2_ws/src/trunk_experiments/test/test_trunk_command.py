@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from trunk_experiments.analysis.metrics import RunMetrics
+from trunk_experiments.analysis.metrics import Metrics
 from trunk_experiments.cli import main
 
 
@@ -105,7 +105,7 @@ def test_simulate_and_metrics_reproduce_the_reference_table(run, expected, tmp_p
 @pytest.mark.slow
 def test_metrics_have_the_documented_keys(fig7):
     found = json.loads(trunk("metrics", fig7, "--json").stdout)
-    assert list(found["metrics"]) == [field.name for field in fields(RunMetrics)]
+    assert list(found["metrics"]) == [field.name for field in fields(Metrics)]
 
 
 def test_export_writes_a_row_per_state_in_full_precision(fig7, tmp_path):

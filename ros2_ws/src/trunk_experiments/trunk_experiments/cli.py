@@ -12,7 +12,7 @@ import click
 from trunk_msgs_util.errors import EXIT_UNREAD, EXIT_USAGE, TrunkError
 from trunk_msgs_util.text import PrintableStream
 
-from .console.document import ERROR, documents_alone, json_asked, write_json
+from .console.document import ErrorResult, documents_alone, json_asked, write_json
 from .console.terminal import (
     line_of,
     print_error,
@@ -211,7 +211,7 @@ def _failed(why: str, code: int) -> int:
     """Tell a program that asked for JSON why there is no result; return the exit code."""
     if json_asked():
         with suppress(OSError):  # stdout is closed, or the disk is full: the line is on stderr
-            write_json(ERROR, {"error": why, "exit_code": code})
+            write_json(ErrorResult(why, code))
     return code
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan, pi, radians, sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 
 from trunk_msgs_util.compiled import twin
 from trunk_msgs_util.units import seconds
+
+from ..results import Quantity, html_table, number, quantities, text_table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -169,118 +171,91 @@ _DEGREES = 180.0 / pi  # a radian, as `math.degrees` has it
 _WORTH_COMPILING = 200_000  # rows: loading the compiler takes as long as summing this many
 
 
-_NOT_DEFINED = "not defined"
-
-
-class MetricText(NamedTuple):
-    """A metric's name, unit and meaning, and whether a smaller magnitude is better."""
-
-    label: str
-    unit: str
-    meaning: str = ""
-    judged: bool = True
-    missing: str = _NOT_DEFINED  # shown for a run that has none
-
-    @property
-    def terminal_unit(self) -> str:
-        """The unit as terminals show it: ``N m``, as parameters and explanations have it."""
-        return self.unit.replace("·", " ")
-
-
-QUANTITIES: Mapping[str, MetricText] = {
-    "overshoot_deg": MetricText(
-        "overshoot",
-        "°",
-        "how far the angle goes past the reference's last level, seen from the angle at "
-        "which that level began; 0 if it never does. Undefined if the angle began at the "
-        "level",
-    ),
-    "settling_time_6deg_s": MetricText(
-        "settling time, ±6°",
-        "s",
-        "from the last change of the reference until |e| is at most 6° and stays so to "
-        "the end; never unless at least 1 s remains after it",
-        missing="never",
-    ),
-    "steady_state_error_mean_deg": MetricText(
-        "steady-state error, mean", "°", "mean of e over the last 2 s"
-    ),
-    "steady_state_error_rms_deg": MetricText(
-        "steady-state error, RMS", "°", "root mean square of e over the last 2 s"
-    ),
-    "iae": MetricText("IAE, ∫|e| dt", "rad·s", "∫ |e| dt, by trapezoids"),
-    "ise": MetricText("ISE, ∫e² dt", "rad²·s", "∫ e² dt, by trapezoids"),
-    "itae": MetricText(
-        "ITAE, ∫t|e| dt", "rad·s²", "∫ t |e| dt, by trapezoids: late errors weigh more"
-    ),
-    "effort": MetricText(
-        "effort, ∫τ² dt", "N²·m²·s", "∫ τ² dt, each torque times the period over which it acted"
-    ),
-    "peak_torque": MetricText("peak torque", "N·m", "the largest |τ|"),
-    "theta_min_deg": MetricText("smallest angle", "°", "the smallest angle", judged=False),
-    "theta_max_deg": MetricText("largest angle", "°", "the largest angle", judged=False),
-}
-JUDGED = tuple(name for name, text in QUANTITIES.items() if text.judged)
-
-
 @dataclass(frozen=True)
-class RunMetrics:
-    """Quantities of the true error ``e = reference - theta``; None if undefined.
+class Metrics:
+    """Quantities of the true error ``e = reference - theta``; None where a run has no such value.
 
-    ::
-
-        iae, ise, itae    integrals of |e|, e^2, t |e| by trapezoids      rad s, rad^2 s, rad s^2
-        effort            sum of (t_k+1 - t_k) torque_k^2, k < N          N^2 m^2 s
-        peak_torque       max |torque|                                    N m
+    Made by `metrics`. ``as_dict()`` returns them by name; ``print`` shows a table with units.
     """
 
-    overshoot_deg: float | None
-    settling_time_6deg_s: float | None
-    steady_state_error_mean_deg: float | None
-    steady_state_error_rms_deg: float | None
-    iae: float
-    ise: float
-    itae: float
-    effort: float
-    peak_torque: float
-    theta_min_deg: float
-    theta_max_deg: float
+    overshoot_deg: Annotated[
+        float | None,
+        Quantity(
+            "overshoot",
+            "°",
+            "how far the angle goes past the reference's last level, seen from the angle at "
+            "which that level began; 0 if it never does. Undefined if the angle began at the "
+            "level",
+        ),
+    ]
+    settling_time_6deg_s: Annotated[
+        float | None,
+        Quantity(
+            "settling time, ±6°",
+            "s",
+            "from the last change of the reference until |e| is at most 6° and stays so to "
+            "the end; never unless at least 1 s remains after it",
+        ),
+    ]
+    steady_state_error_mean_deg: Annotated[
+        float | None, Quantity("steady-state error, mean", "°", "mean of e over the last 2 s")
+    ]
+    steady_state_error_rms_deg: Annotated[
+        float | None,
+        Quantity("steady-state error, RMS", "°", "root mean square of e over the last 2 s"),
+    ]
+    iae: Annotated[float, Quantity("IAE, ∫|e| dt", "rad·s", "∫ |e| dt, by trapezoids")]
+    ise: Annotated[float, Quantity("ISE, ∫e² dt", "rad²·s", "∫ e² dt, by trapezoids")]
+    itae: Annotated[
+        float,
+        Quantity("ITAE, ∫t|e| dt", "rad·s²", "∫ t |e| dt, by trapezoids: late errors weigh more"),
+    ]
+    effort: Annotated[
+        float,
+        Quantity(
+            "effort, ∫τ² dt", "N²·m²·s", "∫ τ² dt, each torque times the period over which it acted"
+        ),
+    ]
+    peak_torque: Annotated[float, Quantity("peak torque", "N·m", "the largest |τ|")]
+    theta_min_deg: Annotated[
+        float, Quantity("smallest angle", "°", "the smallest angle", judged=False)
+    ]
+    theta_max_deg: Annotated[
+        float, Quantity("largest angle", "°", "the largest angle", judged=False)
+    ]
 
     def as_dict(self) -> dict[str, float | None]:
         """Return the quantities by name, in order."""
-        return {name: getattr(self, name) for name in _NAMES}
+        return dict(vars(self))
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Return each quantity's label, its value as text, and its unit."""
+        values = self.as_dict()
+        return [(q.label, number(values[key]), q.unit) for key, q in QUANTITIES.items()]
+
+    def __str__(self) -> str:
+        return text_table(self.rows())
+
+    def _repr_html_(self) -> str:
+        return html_table("Metrics", ("quantity", "value", "unit"), self.rows())
 
 
-def missing(key: str, level: bool = True) -> str:
-    """Return the text shown for a run without this metric; ``level``: `has_level`.
-
-    Without a level of the reference, settling is "not defined", which is not the same as "never".
-    """
-    return QUANTITIES[key].missing if level and key in QUANTITIES else _NOT_DEFINED
-
-
-def has_level(table: RunTable) -> bool:
-    """Return True if the reference stays at its last level for a second or more, or never changes."""
-    changes = np.flatnonzero(np.diff(table.reference))
-    since = table.t[changes[-1] + 1] if len(changes) else table.t[0]
-    return _is_level(float(since), float(table.t[0]), float(table.t[-1]))
+QUANTITIES: Mapping[str, Quantity] = quantities(Metrics)
+JUDGED = tuple(name for name, text in QUANTITIES.items() if text.judged)
 
 
 def _is_level(since: float, begin: float, end: float) -> bool:
     return since == begin or end - since >= SETTLED_FOR - _TOLERANCE
 
 
-_NAMES = tuple(field.name for field in fields(RunMetrics))
-
-
-def metrics(table: RunTable, compiled: bool = False) -> RunMetrics:
+def metrics(table: RunTable, compiled: bool = False) -> Metrics:
     """Return the metrics of a run; t counts from its first state.
 
     Overshoot and settling refer to the reference's last level and count from its last change (t_0 if
     it is constant). A reference that still changes in the last second (a sine, or a level set too
-    late) has no such level: both are None. ``compiled``: add up in compiled code, however short the run;
-    the numbers are the same. Raises ValueError for a table without rows, or if its data are not finite or
-    make a metric infinite.
+    late) has no such level: both are None. The time of a run that never settles is infinite.
+    ``compiled``: add up in compiled code, however short the run; the numbers are the same. Raises
+    ValueError for a table without rows, or if its data are not finite or make another metric infinite.
     """
     _check(table)
     since_first = table.t - table.t[0]
@@ -297,9 +272,9 @@ def metrics(table: RunTable, compiled: bool = False) -> RunMetrics:
     return metrics_of(sums, 0.0)
 
 
-def _checked(run_metrics: RunMetrics) -> RunMetrics:
+def _checked(run_metrics: Metrics) -> Metrics:
     for name, value in run_metrics.as_dict().items():
-        if value is not None and not isfinite(value):
+        if value is not None and not isfinite(value) and name != SETTLING:
             raise ValueError(f"{name} is too large for a floating-point number: no metrics")
     return run_metrics
 
@@ -310,7 +285,7 @@ def steady_from(end: float) -> float:
 
 
 class MetricNumbers(NamedTuple):
-    """The fields of `RunMetrics`, NaN for None."""
+    """The fields of `Metrics`, NaN for None."""
 
     overshoot_deg: float
     settling_time_6deg_s: float
@@ -326,6 +301,7 @@ class MetricNumbers(NamedTuple):
 
 
 MAY_BE_UNDEFINED = MetricNumbers._fields[:4]
+SETTLING = "settling_time_6deg_s"  # infinite: never
 
 
 def numbers_of(s: Sums, begin: float) -> MetricNumbers:
@@ -351,16 +327,16 @@ def numbers_of(s: Sums, begin: float) -> MetricNumbers:
     )
 
 
-def metrics_of(sums: Sums, begin: float) -> RunMetrics:
+def metrics_of(sums: Sums, begin: float) -> Metrics:
     """Return the metrics of a run that began at ``begin`` [s]. Raises ValueError if one is infinite."""
     return metrics_from(numbers_of(sums, begin))
 
 
-def metrics_from(metrics: MetricNumbers) -> RunMetrics:
+def metrics_from(metrics: MetricNumbers) -> Metrics:
     """Return the metrics with these numbers. Raises ValueError if one is infinite."""
     numbers = metrics._asdict()
     undefined = {name: None for name in MAY_BE_UNDEFINED if isnan(numbers[name])}
-    return _checked(RunMetrics(**{**numbers, **undefined}))
+    return _checked(Metrics(**{**numbers, **undefined}))
 
 
 def _check(table: RunTable) -> None:
@@ -386,9 +362,12 @@ def _overshoot(s: Sums) -> float:
 
 
 def _settling_time(s: Sums) -> float:
-    """Return the time in s from the level's start after which the error stays in the band to the end."""
+    """Return the time in s from the level's start after which the error stays in the band to the end.
+
+    Infinite: it never does.
+    """
     if s.settled_at == inf or s.t - s.settled_at < SETTLED_FOR - _TOLERANCE:
-        return nan
+        return inf
     return s.settled_at - s.level_since
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from trunk_control.rule_tables import Axes, CellChange, axes_of, cell_changes, is_table
 from trunk_msgs_util.parameters.declarations import Value
@@ -153,10 +153,10 @@ class ChangedParameter(NamedTuple):
     first. ``before``: None if it is not on record. ``words``: ``60 → 90``, of a rule table its changed cells.
     """
 
-    t: float
+    t: Annotated[float, "s; it counts from the first state after it"]
     node: str
     name: str
-    before: Value | None
+    before: Annotated[Value | None, "null: not on record"]
     after: Value
     words: str
 

@@ -16,7 +16,7 @@ from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS, seconds
 
 from ..recorded.run import RecordedRun
-from .metrics import RunMetrics, metrics
+from .metrics import Metrics, metrics
 
 _HELD = ("reference", "kp", "ki", "kd", "alpha")
 
@@ -396,7 +396,7 @@ def _stamps(run: RecordedRun, table: RunTable) -> Integers:
     return np.rint(table.t * NANOSECONDS).astype(np.int64) + run.begin_ns
 
 
-def table_and_metrics(run: RecordedRun) -> tuple[RunTable, RunMetrics]:
+def table_and_metrics(run: RecordedRun) -> tuple[RunTable, Metrics]:
     """Return a recorded run's table, as far as metrics need it, and its metrics.
 
     Raises RecordingError if it has none, or cannot be read.
@@ -409,6 +409,6 @@ def table_and_metrics(run: RecordedRun) -> tuple[RunTable, RunMetrics]:
         raise RecordingError(f"{run.path}: {error}") from None
 
 
-def recorded_metrics(run: RecordedRun) -> RunMetrics:
+def recorded_metrics(run: RecordedRun) -> Metrics:
     """Return a recorded run's metrics. Raises RecordingError if it has none, or cannot be read."""
     return table_and_metrics(run)[1]

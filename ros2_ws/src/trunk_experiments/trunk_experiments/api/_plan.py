@@ -14,9 +14,9 @@ from trunk_msgs_util.text import printable
 from ..errors import PlanError, did_you_mean
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, Swap, make_plan
+from ..results import html_table
 from ._values import (
     AnyPath,
-    html_table,
     keyed,
     layers_of,
     names_of,

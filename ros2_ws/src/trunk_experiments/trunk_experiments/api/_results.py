@@ -1,50 +1,19 @@
-"""What is concluded from runs: `Metrics`, `Verification`, `Picture`."""
+"""What is concluded from runs: their metrics, whether they verify, pictures and reports."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Literal, cast
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from trunk_msgs_util.text import printable
-
-from ..analysis import metrics as analysis
+from ..analysis.metrics import Metrics
 from ..errors import PlanError
+from ..replay.verdict import Verification
 from ._run import Run, run_of
-from ._values import AnyPath, html_table, output_path, path_of, text_table, writing
+from ._values import AnyPath, output_path, path_of, writing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-@dataclass(frozen=True)
-class Metrics(analysis.RunMetrics):
-    """Quantities of the true error ``e = reference - theta``; None where a run has no such value.
-
-        overshoot_deg                  beyond the last level of the reference       deg
-        settling_time_6deg_s           until |e| stays within 6 deg                s
-        steady_state_error_mean_deg,
-        steady_state_error_rms_deg     of e over the last 2 s                       deg
-        iae, ise, itae                 integrals of |e|, e^2, t |e|                 rad s, rad^2 s, rad s^2
-        effort                         integral of the squared torque               N^2 m^2 s
-        peak_torque                    largest magnitude of the torque              N m
-        theta_min_deg, theta_max_deg   smallest and largest angle                   deg
-
-    Made by `metrics`. ``as_dict()`` returns them by name; ``print`` shows a table with units.
-    """
-
-    def _rows(self) -> list[tuple[str, str, str]]:
-        values = self.as_dict()
-        return [
-            (q.label, q.missing if values[key] is None else f"{values[key]:.6g}", q.unit)
-            for key, q in analysis.QUANTITIES.items()
-        ]
-
-    def __str__(self) -> str:
-        return text_table(self._rows())
-
-    def _repr_html_(self) -> str:
-        return html_table("Metrics", ("quantity", "value", "unit"), self._rows())
 
 
 def metrics(run: Run | AnyPath) -> Metrics:
@@ -54,67 +23,7 @@ def metrics(run: Run | AnyPath) -> Metrics:
     """
     from ..analysis.run_table import recorded_metrics
 
-    values = recorded_metrics(run_of(run)._recorded)
-    return Metrics(*(getattr(values, field.name) for field in fields(values)))
-
-
-Word = Literal["verified", "diverges", "inconclusive", "not signed"]
-
-
-@dataclass(frozen=True)
-class CheckedPart:
-    """One kind of recomputation: ``steps`` were recomputed, and ``diverging`` of them differ.
-
-    Made by `verify`. ``first``: the first difference, with topic, stamp, both values, and distance in ULPs.
-    """
-
-    name: str
-    steps: int
-    diverging: int
-    first: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, repr=False)
-class Verification:
-    """What recomputing a recording found.
-
-    Made by `verify`. ``verdict``: ``verified``, ``diverges``, ``inconclusive`` or ``not signed``.
-    ``judged``: which part of the run was judged, in words. ``checked``: what was recomputed. ``reasons``: why
-    it is not verified, one line each; empty if it is. ``not_judged``: what no check covers. ``notes``: what
-    else there is to know, such as a signature.
-    """
-
-    verdict: Word
-    judged: str
-    checked: tuple[CheckedPart, ...]
-    reasons: tuple[str, ...]
-    not_judged: tuple[str, ...]
-    notes: tuple[str, ...]
-
-    @property
-    def verified(self) -> bool:
-        """True if every command and, where time was exact, every state follows, bit by bit."""
-        return self.verdict == "verified"
-
-    @property
-    def steps(self) -> int:
-        """How many steps were recomputed, of all kinds."""
-        return sum(check.steps for check in self.checked)
-
-    def __repr__(self) -> str:
-        summary = [self.verdict, *([self.judged] if self.judged else []), *self.reasons]
-        return printable(f"Verification({'; '.join(summary)})")
-
-    def _repr_html_(self) -> str:
-        rows: list[tuple[str, str]] = [("judged", self.judged)] if self.judged else []
-        rows += [
-            (check.name, f"{check.steps} steps, {check.diverging or 'none'} diverging")
-            for check in self.checked
-        ]
-        rows += [("reason", line) for line in self.reasons]
-        rows += [("not judged", line) for line in self.not_judged]
-        rows += [("note", line) for line in self.notes]
-        return html_table(f"Verification: {self.verdict}", ("", ""), rows)
+    return recorded_metrics(run_of(run)._recorded)
 
 
 def verify(run: Run | AnyPath, *, key: AnyPath | None = None) -> Verification:
@@ -126,29 +35,15 @@ def verify(run: Run | AnyPath, *, key: AnyPath | None = None) -> Verification:
     Raises RecordingError for a recording that cannot be read, and another `TrunkError` for an invalid key.
     """
     from ..replay.signing import judge_signature, public_key
-    from ..replay.verify import describe, verdict_on
+    from ..replay.verdict import verification
+    from ..replay.verify import verdict_on
 
     file = None if key is None else path_of(key, "key")
     trusted = None if file is None else public_key(file)
     recorded = run_of(run)._recorded
     verdict = verdict_on(recorded)
     judge_signature(verdict, recorded.recording, trusted, str(file))
-    return Verification(
-        cast("Word", verdict.word),
-        verdict.judged,
-        tuple(
-            CheckedPart(
-                part.name,
-                part.steps,
-                part.wrong_steps,
-                tuple(describe(step) for step in part.first),
-            )
-            for part in verdict.checks
-        ),
-        tuple(verdict.reasons),
-        tuple(verdict.unjudged),
-        tuple(verdict.notes),
-    )
+    return verification(recorded, verdict)
 
 
 _SUFFIXES = (".png", ".svg", ".pdf")

@@ -17,11 +17,11 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.text import printable
 
 from ..errors import PlanError
+from ..results import html_table
 from ._plan import Plan
 from ._values import (
     COLUMNS,
     AnyPath,
-    html_table,
     keyed,
     mapping_of,
     output_path,
@@ -100,7 +100,7 @@ class Run:
         from ..replay.doubts import doubts_of
 
         doubts = doubts_of(self._recorded, twin=False)
-        return tuple(doubts.lines), doubts.fell_at_s
+        return tuple(doubts.lines), doubts.fell
 
     @property
     def warnings(self) -> tuple[str, ...]:

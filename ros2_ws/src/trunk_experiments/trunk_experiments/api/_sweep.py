@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 from trunk_msgs_util.text import printable
 
 from ..errors import PlanError, StudyError, SweepError
+from ..results import html_table
 from ._results import Picture
 from ._study import Study
-from ._values import AnyPath, html_table, output_path, path_of, writing
+from ._values import AnyPath, output_path, path_of, writing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from trunk_msgs_util.recording.joint_table import Floats
 
+    from ..study.compare import PairedDifference
     from ..study.results import Results
 
 _KILLED = (
@@ -29,29 +31,6 @@ _KILLED = (
     'if __name__ == "__main__": around the call; add that, or give jobs=1'
 )
 _SHOWN = ("iae", "steady_state_error_rms_deg", "peak_torque")
-
-
-@dataclass(frozen=True)
-class PairedDifference:
-    """A metric of ``first`` minus that of ``second``, over the ``pairs`` draws in which both have it.
-
-    Made by `Sweep.compare`. ``left_out``: how many other draws there are, in which one of the two fell,
-    was refused or has no such metric. ``low`` and ``high`` are the mean's 95 % confidence interval, in the
-    metric's unit; low > high if there are too few pairs.
-    ``smaller``: the fraction of the pairs in which the value of ``first`` is smaller; a tie counts as half.
-    ``verdict``: what the interval shows, in words.
-    """
-
-    metric: str
-    first: str
-    second: str
-    left_out: int
-    pairs: int
-    mean: float
-    low: float
-    high: float
-    smaller: float
-    verdict: str
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -132,11 +111,7 @@ class Sweep:
         from ..study.compare import compare_study
         from ..study.results import METRICS
 
-        differences = compare_study(self._results, tuple(metrics) or METRICS)
-        return tuple(
-            PairedDifference(**asdict(difference), verdict=difference.verdict)
-            for difference in differences
-        )
+        return tuple(compare_study(self._results, tuple(metrics) or METRICS))
 
     def map(
         self, x: str, y: str | None = None, metric: str = "iae", *, floquet: bool = False

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from math import isfinite, radians
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from trunk_msgs_util.parameters.declarations import Value
 from trunk_msgs_util.units import seconds
 
 from ..errors import PlanError, StudyError, did_you_mean
@@ -20,21 +18,10 @@ from ._values import AnyPath, mapping_of, names_of
 
 if TYPE_CHECKING:
     from ..replay.explain import Explanation
-    from ..study.learning import DrawnRuns
-
-
-class Limit(NamedTuple):
-    """How far a parameter may go. Made by `limit`; in the parameter's SI unit.
-
-    ``stands``: from ``low`` to here every tried value stands; None: ``low`` falls. ``falls``: the first tried
-    value beyond it, which falls; None: none does. ``stands_again``: tried values beyond that, which stand.
-    ``runs``: how many runs it took.
-    """
-
-    stands: float | None
-    falls: float | None
-    stands_again: tuple[float, ...]
-    runs: int
+    from ..study.learning import Learned
+    from ..study.limit import Limit
+    from ..tuning.methods import Relay
+    from ..tuning.search import Optimum
 
 
 def explain(run: Run | AnyPath, at: float) -> Explanation:
@@ -131,74 +118,7 @@ def limit(
         return plan(scenario, controller, params=params, overrides={**overrides, vary: value})
 
     exact = within * abs(high - low)
-    return Limit(*find_limit(lambda value: at(value)._plan, low, high, exact))
-
-
-@dataclass(frozen=True)
-class Relay:
-    """What a relay experiment found. Made by `relay`.
-
-    ``overrides``: Table 1's PID gains for `plan`. ``ku`` [N m/rad] and ``tu`` [s]: ultimate gain and period,
-    measured with the relay, whose oscillation has ``amplitude`` [rad]. ``exact_ku``, ``exact_tu``: where pure
-    P loses stability by Routh's criterion; the describing function behind ``ku`` is an approximation.
-    """
-
-    overrides: dict[str, Value]
-    ku: float
-    tu: float
-    amplitude: float
-    exact_ku: float
-    exact_tu: float
-
-
-@dataclass(frozen=True)
-class Optimum:
-    """The best parameters of a search. Made by `optimise`.
-
-    ``overrides``: for `plan`. ``before``, ``after``: the mean of the metric over the plans, in its unit, with
-    the plans' own parameters and with these. ``runs``: how many runs it took.
-    """
-
-    overrides: dict[str, Value]
-    before: float
-    after: float
-    runs: int
-
-
-@dataclass(frozen=True)
-class DrawsOutcome:
-    """How a controller does on some draws. Made by `learn`.
-
-    ``fell`` of ``runs`` fell, a ``share`` with the bounds ``low`` and ``high`` of Wilson's 95 % interval;
-    ``mean``: of the metric over the runs that stood, in its unit; NaN if none did.
-    """
-
-    controller: str
-    fell: int
-    runs: int
-    share: float
-    low: float
-    high: float
-    mean: float
-
-
-@dataclass(frozen=True)
-class Learned:
-    """Parameters searched on a study's draws, and judged on others. Made by `learn`.
-
-    ``overrides``: for `plan`. ``before``, ``after``: the cost on the searched draws, in the metric's unit; a
-    fall counts as ``fall_costs``. ``runs``: how many runs the search took. ``searched``: before and after, on
-    the draws of the search; ``held_out``: before, after and the study's other controllers, on draws that the
-    search did not see.
-    """
-
-    overrides: dict[str, Value]
-    before: float
-    after: float
-    fall_costs: float
-    runs: int
-    searched: tuple[DrawsOutcome, ...]
-    held_out: tuple[DrawsOutcome, ...]
+    return find_limit(lambda value: at(value)._plan, low, high, exact)
 
 
 def relay(
@@ -213,7 +133,7 @@ def relay(
     Raises PlanError for numbers out of range, and where no ultimate gain exists.
     """
     from ..tuning.linear import linearise
-    from ..tuning.methods import relay, ziegler_nichols
+    from ..tuning.methods import relay
 
     for name, number, low, high in (
         ("lag", lag, 0.0, 1e3),
@@ -226,9 +146,7 @@ def relay(
             )
     plan = make_plan("fig6", "pid", ["profile_practical", *names_of(params, "params")], (), {})
     plant = linearise(plan.simulator.body)
-    limit = relay(plant._replace(c=damping * plant.b, lag=float(lag)), float(amplitude))
-    gains = ziegler_nichols(limit.gain, limit.period)
-    return Relay({f"pid.gains.{name}": getattr(gains, name) for name in "pid"}, *limit)
+    return relay(plant._replace(c=damping * plant.b, lag=float(lag)), float(amplitude))
 
 
 def optimise(
@@ -261,11 +179,9 @@ def optimise(
             f"optimise: the plans' controllers are {names}: give plans of one controller"
         )
     _check("optimise", metric, generations, population, seed)
-    optimum = search(
+    return search(
         [plan._plan for plan in plans], metric, generations, population, seed, progress or _quiet
     )
-    values = _overrides(plans[0].controllers[0], optimum.values)
-    return Optimum(values, optimum.start_cost, optimum.cost, optimum.runs)
 
 
 def learn(
@@ -299,31 +215,14 @@ def learn(
     _check_whole("learn", "jobs", jobs, 1, 1024)
     other = study._study.seed + 1 if held_out_seed is None else held_out_seed
     _check_whole("learn", "held_out_seed", other, 0, 2**31 - 1)
-    learned = learn(
+    return learn(
         study._study, controller, metric, generations, population, seed, other, jobs,
         progress or _quiet,
     )  # fmt: skip
-    return Learned(
-        _overrides(learned.plan.controller_name, learned.values),
-        learned.before,
-        learned.after,
-        learned.fall,
-        learned.runs,
-        tuple(map(_outcome, learned.trained)),
-        tuple(map(_outcome, learned.held_out)),
-    )
 
 
 def _quiet(generation: int, least: float) -> None:
     """Tell nobody."""
-
-
-def _overrides(controller: str, values: dict[str, Value]) -> dict[str, Value]:
-    return {f"{controller}.{name}": value for name, value in values.items()}
-
-
-def _outcome(drawn: DrawnRuns) -> DrawsOutcome:
-    return DrawsOutcome(drawn.label, drawn.fell, len(drawn.metric), *drawn.share, drawn.mean)
 
 
 def _check(verb: str, metric: str, generations: int, population: int | None, seed: int) -> None:

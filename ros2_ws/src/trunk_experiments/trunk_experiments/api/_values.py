@@ -5,23 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from trunk_control.laws import law_named
-from trunk_msgs_util.parameters.declarations import Value, listed
 from trunk_msgs_util.parameters.files import Layer, Section
-from trunk_msgs_util.text import printable
 
 from ..analysis.metrics import QUANTITIES
 from ..analysis.run_table import DISTURBANCE, TABLE_UNITS
 from ..analysis.run_table import UNITS as OF_TERMS
 from ..errors import LibraryError, PlanError, did_you_mean
 from ..plans.files import SCENARIOS, shipped_files
-from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.nodes import CONTROLLERS, NODES, Parameter, parameters_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,31 +75,6 @@ UNITS: Mapping[str, str] = MappingProxyType(
 
 
 Inner = TypeVar("Inner")
-
-
-def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table in HTML, every text escaped: a recording's words are not markup."""
-
-    def line(tag: str, cells: Sequence[object]) -> str:
-        aligned = ("left", *("right" for _ in cells[1:])) if len(cells) > 2 else ("left", "left")
-        return "".join(
-            f'<{tag} style="text-align: {side}">{escape(printable(str(cell)))}</{tag}>'
-            for cell, side in zip(cells, aligned, strict=False)
-        )
-
-    head = f"<thead><tr>{line('th', header)}</tr></thead>" if any(header) else ""
-    body = "".join(f"<tr>{line('td', row)}</tr>" for row in rows)
-    caption = f'<caption style="text-align: left"><b>{escape(printable(title))}</b></caption>'
-    return f"<table>{caption}{head}<tbody>{body}</tbody></table>"
-
-
-def text_table(rows: Iterable[Sequence[str]]) -> str:
-    """Return rows as text in columns: the first left, the second right, the rest left."""
-    cells = [[printable(cell) for cell in row] for row in rows]
-    first, second = (max((len(row[i]) for row in cells), default=0) for i in (0, 1))
-    return "\n".join(
-        f"{row[0]:{first}}  {row[1]:>{second}}  {' '.join(row[2:])}".rstrip() for row in cells
-    )
 
 
 def keyed(nested: Mapping[str, Mapping[str, Inner]]) -> Mapping[str, Mapping[str, Inner]]:
@@ -179,21 +150,6 @@ def number_of(value: Any, subject: str) -> Any:
     return value
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """What a node declares about one parameter. Made by `parameters`.
-
-    ``default`` is in ``unit``, SI; ``fixed``: it cannot change while a node runs.
-    """
-
-    name: str
-    default: Value
-    unit: str
-    allowed: str
-    description: str
-    fixed: bool
-
-
 def scenarios() -> dict[str, str]:
     """Return the shipped scenarios by name, with a line about each."""
     return {name: text for name, text in _shipped().items() if name in SCENARIOS}
@@ -216,8 +172,8 @@ def studies() -> dict[str, str]:
     return {name: _first_line(path) for name, path in shipped_studies().items()}
 
 
-def parameters(node: str) -> tuple[Parameter, ...]:
-    """Return the parameters of ``simulator``, ``disturbance``, ``recorder`` or a controller, for `plan`.
+def parameters(node: str) -> dict[str, Parameter]:
+    """Return by name what ``simulator``, ``disturbance``, ``recorder`` or a controller declares, for `plan`.
 
     Raises PlanError for any other name.
     """
@@ -225,10 +181,7 @@ def parameters(node: str) -> tuple[Parameter, ...]:
         raise PlanError(
             f"no node {node!r}: give one of {', '.join(NODES)}{did_you_mean(str(node), NODES)}"
         )
-    return tuple(
-        Parameter(d.name, d.default, d.unit, d.allowed(), d.description, d.fixed)
-        for d in listed(NODES[node].config).values()
-    )
+    return parameters_of(node)
 
 
 def _shipped() -> dict[str, str]:

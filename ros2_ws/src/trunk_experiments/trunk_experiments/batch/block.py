@@ -25,7 +25,7 @@ from trunk_sim.disturbances import Signals
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import noisy
 
-from ..analysis.metrics import MetricNumbers, RunMetrics, metrics_from, no_rows, steady_from
+from ..analysis.metrics import MetricNumbers, Metrics, metrics_from, no_rows, steady_from
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..runs.loop_inputs import check_compilable
@@ -71,7 +71,7 @@ LONGEST = 200_000  # states: the series of longer runs would take too much memor
 class RunSummary(NamedTuple):
     """A run's outcome: its metrics, or when it diverged [s], or why it was refused."""
 
-    metrics: RunMetrics | None
+    metrics: Metrics | None
     diverged_at: float | None = None
     refused: str = ""
 

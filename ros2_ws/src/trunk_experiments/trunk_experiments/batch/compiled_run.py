@@ -21,7 +21,7 @@ from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import Measurement, Plant, PlantStatus, at_rest, noisy, torque_of
 
-from ..analysis.metrics import RunMetrics, metrics
+from ..analysis.metrics import Metrics, metrics
 from ..analysis.run_table import RunTable
 from ..plans.plan import RunPlan
 from ..runs.loop import DIVERGED, Chain, Decision, LoopState, Surroundings, segment_of
@@ -159,7 +159,7 @@ class Outcome(NamedTuple):
     table: RunTable
     diverged_at: float | None
 
-    def metrics(self) -> RunMetrics | None:
+    def metrics(self) -> Metrics | None:
         """Return the metrics; None for a run that diverged."""
         return None if self.diverged_at is not None else metrics(self.table, compiled=True)
 

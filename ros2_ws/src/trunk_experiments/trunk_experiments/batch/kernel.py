@@ -28,6 +28,7 @@ from trunk_sim.step import Measurement, Plant, PlantStatus, noisy, torque_of
 
 from ..analysis.metrics import (
     MAY_BE_UNDEFINED,
+    SETTLING,
     Measured,
     MetricNumbers,
     no_rows,
@@ -204,6 +205,7 @@ def _translated(name: str, start: RecordType) -> Kernel:
         numbers=", ".join(f"numbers.{field}" for field in MetricNumbers._fields),
         metrics=len(MetricNumbers._fields),
         undefined=len(MAY_BE_UNDEFINED),
+        settling=MetricNumbers._fields.index(SETTLING),
         columns=", ".join(map(str, columns)),
         chunk=CHUNK,
         goes_on=GOES_ON,

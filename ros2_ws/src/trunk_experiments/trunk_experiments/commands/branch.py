@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
@@ -15,10 +15,11 @@ from ..console.document import json_option, write_json
 from ..console.options import Number
 from ..console.outputs import check_folder, check_output, output_options
 from ..console.plan_options import ControllerName
-from ..console.reading import open_run, written_values
+from ..console.reading import WrittenResult, about_written, open_run
 from ..console.terminal import line_of, report_error
 from ..errors import PlanError
 from ..replay.branch import Branch, fanned
+from ..results import Result
 
 if TYPE_CHECKING:
     from ..plans.plan import RunPlan
@@ -26,6 +27,21 @@ if TYPE_CHECKING:
 
 _LONG = 100_000  # states, which take seconds
 _NAME = 120  # characters of a file's name
+
+
+class BranchedRun(WrittenResult):
+    """A branch that was written."""
+
+    at_s: Annotated[float, "Where it branches"]
+    changes: Annotated[str, "What differs from there on"]
+    failure: Annotated[str | None, "Why the branch ended before its end; null if it did not"]
+
+
+class BranchResult(Result, document="branch-1"):
+    """The document of ``trunk branch RUN``."""
+
+    parent: Annotated[Path, "The recording that was branched"]
+    branches: list[BranchedRun]
 
 
 class _InOrder(click.Command):
@@ -86,7 +102,7 @@ class _InOrder(click.Command):
     "An MCAP file to write, or a folder, in which each branch is named after what it changes.",
     required=True,
 )
-@json_option("branch-1")
+@json_option(BranchResult)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -110,23 +126,22 @@ def command(
     plans = [_planned(parent, branch, duration) for branch in branches]
     if output not in paths:
         output.mkdir(parents=True, exist_ok=True)
-    documents: list[dict[str, object]] = []
+    written: list[BranchedRun] = []
     failed = 0
     for branch, path, plan in zip(branches, paths, plans, strict=True):
         states, diverged = _recorded(parent, branch, plan, path, force)
         if as_json:
-            values = {
-                "at_s": branch.at,
-                "changes": branch.describe(),
-                "failure": None if diverged is None else line_of(diverged),
-            }
-            documents.append({**written_values(path), **values})
+            failure = None if diverged is None else line_of(diverged)
+            about = vars(about_written(path))
+            written.append(
+                BranchedRun(**about, at_s=branch.at, changes=branch.describe(), failure=failure)
+            )
         elif diverged is None:
             click.echo(f"{path}: {states} states, from t = {branch.at:g} s {branch.describe()}")
         if diverged is not None:
             failed = report_error(diverged)
     if as_json:
-        write_json("branch-1", {"parent": run, "branches": documents})
+        write_json(BranchResult(run, written))
     ctx.exit(failed)
 
 

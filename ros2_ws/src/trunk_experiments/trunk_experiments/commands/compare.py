@@ -2,24 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Annotated, NamedTuple
 
 import click
 
-from ..analysis.metrics import QUANTITIES, MetricText
-from ..analysis.parameter_text import differing_texts, lines_of
+from ..analysis.metrics import QUANTITIES
+from ..analysis.parameter_text import ChangedParameter, differing_texts, lines_of
 from ..console.document import json_option, write_json
 from ..console.reading import open_views, show_warnings_of
 from ..console.tables import csv_table, markdown_table, print_table
 from ..console.terminal import print_title
-from ..views.compare import Comparison, Row, compare, table_grids
+from ..recorded.run import BranchOf
+from ..replay.diff import FirstDifference
+from ..replay.doubts import Doubts
+from ..results import Keyword, Quantity, Result, number
+from ..views.compare import Comparison, compare, table_grids
 from ..views.task import not_ranked
+
+
+class ComparedRun(NamedTuple):
+    """A run beside others."""
+
+    name: str
+    file: Annotated[Path, "The recording"]
+    doubts: Doubts
+    branch: Annotated[BranchOf | None, "Whose branch the run is; null if it is nobody's"]
+
+
+class ComparedMetric(NamedTuple):
+    """A metric of all runs."""
+
+    unit: str
+    values: Annotated[Sequence[float | None], "One for each run"]
+    best: Annotated[Sequence[str], "Names of runs; a doubtful one never"]
+
+
+class CompareResult(Result, document="compare-1"):
+    """The document of ``trunk compare RUN...``."""
+
+    runs: Annotated[Sequence[ComparedRun], Keyword("minItems", 1)]
+    different_tasks: Annotated[Sequence[str], "In what tasks differ: why runs are not ranked"]
+    metrics: Annotated[Mapping[str, ComparedMetric], "By quantity"]
+    changed: Annotated[Mapping[str, Sequence[ChangedParameter]], "While it ran, by run and time"]
+    parameters: Annotated[
+        Mapping[str, Sequence[object]], "That differ: a value for each run, or null"
+    ]
+    first_divergence: Annotated[
+        Mapping[str, FirstDifference | None], "From the first run (a), by name"
+    ]
 
 
 @click.command("compare")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
-@json_option("compare-1")
+@json_option(CompareResult)
 @click.option("--csv", "form", flag_value="csv", help="Print the metrics as CSV.")
 @click.option("--markdown", "form", flag_value="markdown", help="Print Markdown tables.")
 @click.pass_context
@@ -37,7 +74,7 @@ def command(ctx: click.Context, runs: tuple[Path, ...], form: str | None, as_jso
     if as_json or form is not None:
         show_warnings_of(views)
     if as_json:
-        write_json("compare-1", as_values(comparison, [view.path for view in views]))
+        write_json(result_of(comparison, [view.path for view in views]))
     elif form == "csv":
         click.echo(as_csv(comparison), nl=False)
     elif form == "markdown":
@@ -56,39 +93,23 @@ def divergences(comparison: Comparison) -> list[tuple[str, str]]:
     ]
 
 
-def as_values(comparison: Comparison, files: Sequence[Path]) -> dict[str, object]:
-    """Return a comparison of the runs in some files as plain values; ``best`` holds names of runs."""
-    return {
-        "runs": [
-            {
-                "name": name,
-                "file": file,
-                "doubts": doubts.as_values(),
-                "branch": None if branch is None else branch._asdict(),
-            }
-            for name, file, doubts, branch in zip(
-                comparison.names, files, comparison.doubts, comparison.branches, strict=True
+def result_of(comparison: Comparison, files: Sequence[Path]) -> CompareResult:
+    """Return the document of a comparison of the runs in some files."""
+    names, diffs = comparison.names, comparison.diffs
+    runs = zip(names, files, comparison.doubts, comparison.branches, strict=True)
+    return CompareResult(
+        tuple(ComparedRun(*run) for run in runs),
+        comparison.tasks,
+        {
+            row.key: ComparedMetric(
+                _quantity(row.key).unit, row.values, [names[i] for i in row.best]
             )
-        ],
-        "different_tasks": list(comparison.tasks),
-        "metrics": {
-            row.key: {
-                "unit": _quantity(row.key).unit,
-                "values": list(row.values),
-                "best": [comparison.names[i] for i in row.best],
-            }
             for row in comparison.rows
         },
-        "changed": {
-            name: [change._asdict() for change in changes]
-            for name, changes in zip(comparison.names, comparison.changed, strict=True)
-        },
-        "parameters": {name: list(values) for name, values in comparison.parameters.items()},
-        "first_divergence": {
-            name: None if d.first is None else d.first._asdict()
-            for name, d in zip(comparison.names[1:], comparison.diffs, strict=True)
-        },
-    }
+        dict(zip(names, comparison.changed, strict=True)),
+        comparison.parameters,
+        {name: diff.first for name, diff in zip(names[1:], diffs, strict=True)},
+    )
 
 
 def as_csv(comparison: Comparison) -> str:
@@ -112,7 +133,7 @@ def as_markdown(comparison: Comparison) -> str:
     lines += [""] if lines else []
     rows = []
     for row in comparison.rows:
-        numbers = [number(row, i) for i in range(len(row.values))]
+        numbers = map(number, row.values)
         shown = [f"**{text}**" if i in row.best else text for i, text in enumerate(numbers)]
         quantity = _quantity(row.key)
         rows.append((quantity.label, quantity.unit, *shown))
@@ -139,14 +160,8 @@ def branched(comparison: Comparison) -> list[tuple[str, str]]:
     ]
 
 
-def _quantity(key: str) -> MetricText:
-    return QUANTITIES.get(key, MetricText(key, ""))
-
-
-def number(row: Row, run: int) -> str:
-    """Return a run's metric as text."""
-    value = row.values[run]
-    return row.missing[run] if value is None else f"{value:.6g}"
+def _quantity(key: str) -> Quantity:
+    return QUANTITIES.get(key, Quantity(key, ""))
 
 
 def settings(comparison: Comparison) -> list[tuple[str, ...]]:
@@ -184,10 +199,7 @@ def _show(comparison: Comparison) -> None:
         [
             (
                 _quantity(row.key).label,
-                *(
-                    f"{'* ' if i in row.best else ''}{number(row, i)}"
-                    for i in range(len(row.values))
-                ),
+                *(f"{'* ' * (i in row.best)}{number(v)}" for i, v in enumerate(row.values)),
                 _quantity(row.key).terminal_unit,
             )
             for row in comparison.rows

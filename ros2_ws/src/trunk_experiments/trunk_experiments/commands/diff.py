@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 import click
 
 from ..console.document import json_option, write_json
-from ..console.reading import open_run, run_values, show_damage
+from ..console.reading import open_run, show_damage
 from ..console.tables import print_table
-from ..replay.diff import diff
+from ..replay.diff import FirstDifference, diff
+from ..replay.doubts import RecordingResult, about
+from ..results import Count, Result
+
+
+class DiffResult(Result, document="diff-1"):
+    """The document of ``trunk diff A B``."""
+
+    runs: tuple[RecordingResult, RecordingResult]
+    identical: bool
+    same_plan: Annotated[bool, "The same plan and versions: they should be equal"]
+    messages_compared: Count
+    differing_steps: Count
+    first: Annotated[FirstDifference | None, "null: none"]
+    parameters: Sequence[str]
+    provenance: Sequence[str]
+    record: Sequence[str]
 
 
 @click.command("diff")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
-@json_option("diff-1", "diff-study-1")
+@json_option(DiffResult, "study.results:StudyDiff")
 @click.pass_context
 def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     """Compare two recorded runs topic by topic, by stamp, bit by bit; or two sweeps, run by run.
@@ -30,18 +47,18 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
         show_damage(run, f"{run.path}: ")
     difference = diff(first, second)
     if as_json:
-        values = {
-            "runs": [run_values(first), run_values(second)],
-            "identical": difference.identical,
-            "same_plan": difference.same_plan,
-            "messages_compared": difference.compared,
-            "differing_steps": difference.differing_steps,
-            "first": None if difference.first is None else difference.first._asdict(),
-            "parameters": difference.parameters,
-            "provenance": difference.provenance,
-            "record": difference.record,
-        }
-        write_json("diff-1", values)
+        result = DiffResult(
+            (about(first), about(second)),
+            difference.identical,
+            difference.same_plan,
+            difference.compared,
+            difference.differing_steps,
+            difference.first,
+            difference.parameters,
+            difference.provenance,
+            difference.record,
+        )
+        write_json(result)
         ctx.exit(0 if difference.identical else 1)
     if difference.first is None:
         click.echo(f"identical: {difference.compared} messages, bit for bit")
@@ -78,16 +95,7 @@ def _diff_studies(ctx: click.Context, a: Path, b: Path, as_json: bool) -> NoRetu
 
     difference = diff_studies(Results.read(a), Results.read(b))
     if as_json:
-        values = {
-            "studies": [a, b],
-            "identical": difference.identical,
-            "runs_compared": difference.compared,
-            "differing_runs": difference.differing,
-            "first": None if difference.first is None else difference.first._asdict(),
-            "furthest_ulps": difference.furthest,
-            "metadata": difference.metadata,
-        }
-        write_json("diff-study-1", values)
+        write_json(difference)
     else:
         click.echo(difference.describe())
         for line in difference.metadata:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import degrees, isfinite
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -13,11 +12,11 @@ from trunk_sim.disturbances import Disturbance
 
 from ..console.document import json_option, write_json
 from ..console.options import Number
-from ..console.reading import open_run, run_values, show_damage
+from ..console.reading import open_run, show_damage
 from ..console.tables import print_table
 from ..console.terminal import show_warnings
 from ..replay.doubts import refused
-from ..replay.explain import Explanation, Rule, explain
+from ..replay.explain import Explanation, explain
 from ..replay.external import ExternalCommand, external_command
 
 
@@ -30,7 +29,7 @@ from ..replay.external import ExternalCommand, external_command
     metavar="S",
     help="The instant, s; for another robot, counted from its first state.",
 )
-@json_option("explain-1", "explain-external-1")
+@json_option(Explanation, ExternalCommand)
 @click.pass_context
 def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     """Explain why the controller of a recorded run commanded this torque at this instant.
@@ -44,47 +43,27 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     if recorded.external:
         known = external_command(recorded, at)
         if as_json:
-            write_json("explain-external-1", {**run_values(recorded), **_external_values(known)})
+            write_json(known)
         else:
             _show_external(known)
         return
     explanation = explain(recorded, at)
     if as_json:
-        write_json("explain-1", {**run_values(recorded), **as_values(explanation)})
+        write_json(explanation)
     else:
         _show(explanation)
     ctx.exit(0 if explanation.agrees or explanation.rounded_otherwise else 1)
-
-
-def _external_values(known: ExternalCommand) -> dict[str, Any]:
-    """Return the facts about somebody else's command as plain values."""
-    return {
-        "asked_s": known.asked,
-        "controller": known.controller,
-        "command": known.command,
-        "answers_s": known.answers,
-        "reference": _finite(known.reference),
-        "measurement": _finite(known.measurement),
-        "true_angle": _finite(known.true_angle),
-        "disturbance": known.disturbance._asdict(),
-        "applied": _finite(known.applied),
-        "terms": {name: _finite(value) for name, value in known.terms.items()},
-    }
-
-
-def _finite(value: float) -> float | None:
-    return value if isfinite(value) else None
 
 
 def _show_external(known: ExternalCommand) -> None:
     """Print what is known of somebody else's command."""
     terms = "" if known.terms else "; its terms were not recorded"
     if known.command is None:
-        click.echo(f"t = {known.asked:g} s: no command of {known.controller} is in force{terms}")
+        click.echo(f"t = {known.asked_s:g} s: no command of {known.controller} is in force{terms}")
     else:
-        answers = "acts since it arrived" if known.arrived else f"answers t = {known.answers:g} s"
+        answers = "acts since it arrived" if known.arrived else f"answers t = {known.answers_s:g} s"
         click.echo(
-            f"t = {known.asked:g} s: torque from {known.controller}: {known.command:.6g} N m, "
+            f"t = {known.asked_s:g} s: torque from {known.controller}: {known.command:.6g} N m, "
             f"{answers}{terms}"
         )
     rows = [
@@ -113,40 +92,6 @@ def _disturbance_rows(acting: Disturbance) -> list[tuple[str, str, str]]:
         if value
     ]
     return rows or [("disturbance", "none", "")]
-
-
-def as_values(explanation: Explanation) -> dict[str, Any]:
-    """Return an explanation as plain values; None for an infinite limit."""
-    return {
-        "asked_s": explanation.asked,
-        "update_s": explanation.update,
-        "controller": explanation.controller,
-        "reference": explanation.reference,
-        "measurement": explanation.measurement,
-        "rate": explanation.rate,
-        "true_angle": explanation.true_angle,
-        "derivative_mode": explanation.derivative_mode,
-        "disturbance": explanation.disturbance._asdict(),
-        "rules": [_rule_values(rule) for rule in explanation.rules],
-        "changed_tables": dict(explanation.changed),
-        "terms": explanation.terms._asdict(),
-        "units": dict(explanation.units),
-        "by_model": explanation.by_model,
-        "limits": [bound if isfinite(bound) else None for bound in explanation.limits],
-        "limited": explanation.limited,
-        "handing_over": explanation.handing_over,
-        "anti_windup": (
-            None
-            if explanation.windup is None
-            else {**explanation.windup._asdict(), "acted": explanation.windup.acted}
-        ),
-        "took_over": explanation.took_over,
-        "recorded": explanation.recorded,
-        "agrees": explanation.agrees,
-        "arithmetic": explanation.arithmetic or None,
-        "rounded_otherwise": explanation.rounded_otherwise,
-        "applied": explanation.applied,
-    }
 
 
 def _shares(explanation: Explanation) -> list[tuple[str, str, str]]:
@@ -190,25 +135,11 @@ def _own_terms(explanation: Explanation) -> list[tuple[str, str, str]]:
     return [*rows, ("command before the limits", f"{explanation.terms.unsaturated:.6g}", "N m")]
 
 
-def _rule_values(rule: Rule) -> dict[str, Any]:
-    """Return a rule as plain values: ``kp_label``, ``kp`` and so on for each output."""
-    outputs: dict[str, object] = {}
-    for consequent in rule.consequents:
-        outputs[f"{consequent.output}_label"] = consequent.label
-        outputs[consequent.output] = consequent.value
-    return {
-        "error_label": rule.error_label,
-        "rate_label": rule.rate_label,
-        "weight": rule.weight,
-        **outputs,
-    }
-
-
 def _show(explanation: Explanation) -> None:
-    terms, windup = explanation.terms, explanation.windup
+    terms, windup = explanation.terms, explanation.anti_windup
     click.echo(
-        f"t = {explanation.asked:g} s: {explanation.controller} holds {terms.effort:.6g} N m, "
-        f"computed at t = {explanation.update:g} s"
+        f"t = {explanation.asked_s:g} s: {explanation.controller} holds {terms.effort:.6g} N m, "
+        f"computed at t = {explanation.update_s:g} s"
     )
     rows = [
         ("reference", f"{degrees(explanation.reference):.6g}", "°"),
@@ -251,9 +182,9 @@ def _show(explanation: Explanation) -> None:
                 if rule.weight > 0.0
             ],
         )
-        for table, cells in explanation.changed.items():
+        for table, cells in explanation.changed_tables.items():
             click.echo(f"{table}, from the default: {cells}")
-        if explanation.changed:
+        if explanation.changed_tables:
             click.echo()
     low, high = explanation.limits
     free = not (isfinite(low) or isfinite(high))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 import click
 
@@ -13,10 +13,26 @@ from ..analysis.run_table import RunTable, all_columns, column_units
 from ..console.document import json_option, write_json
 from ..console.options import Number
 from ..console.outputs import FORCE, check_output
-from ..console.reading import open_run, run_values, show_damage
+from ..console.reading import open_run, show_damage
+from ..replay.doubts import RecordingResult, about
+from ..results import Count, Keyword
 from ..views.extract import window, write_csv, write_mcap, write_npz, write_parquet
 
 _FORMATS = (".csv", ".parquet", ".npz", ".gif", ".mp4", ".mcap")
+
+
+class ExportedFile(NamedTuple):
+    """A file that was written."""
+
+    file: Path
+    rows: Annotated[Count | None, "Of a table, or states of an animation; null for MCAP"]
+    messages: Annotated[Count | None, "Of an MCAP file; null for others"]
+
+
+class ExportResult(RecordingResult, document="export-1"):
+    """The document of ``trunk export``."""
+
+    outputs: Annotated[Sequence[ExportedFile], Keyword("minItems", 1)]
 
 
 @click.command("export")
@@ -41,7 +57,7 @@ _FORMATS = (".csv", ".parquet", ".npz", ".gif", ".mp4", ".mcap")
     metavar="TOPIC",
     help="MCAP: only this topic; repeatable.",
 )
-@json_option("export-1")
+@json_option(ExportResult)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -71,12 +87,12 @@ def command(
         check_output(output, _FORMATS, force, [run])
     recorded = open_run(run)
     show_damage(recorded)
-    written: list[dict[str, object]] = []
+    written: list[ExportedFile] = []
     table: Mapping[str, Any] = {}
     for output, suffix in formats.items():
         if suffix == ".mcap":
             count = write_mcap(recorded.recording, output, start, end, topics)
-            written.append({"file": output, "rows": None, "messages": count})
+            written.append(ExportedFile(output, None, count))
             continue
         table = table or window(all_columns(recorded, RunTable.from_run(recorded)), start, end)
         if suffix == ".csv":
@@ -90,13 +106,13 @@ def command(
 
             write = write_gif if suffix == ".gif" else write_mp4
             write(table, recorded.parameters.get("simulator", {}), output)
-        written.append({"file": output, "rows": len(table["t"]), "messages": None})
+        written.append(ExportedFile(output, len(table["t"]), None))
     if as_json:
-        write_json("export-1", {**run_values(recorded), "outputs": written})
+        write_json(ExportResult(**vars(about(recorded)), outputs=written))
         return
     for entry in written:
-        kind = "messages" if entry["rows"] is None else "rows"
-        click.echo(f"{entry['file']}: {entry[kind]} {kind}")
+        kind = "messages" if entry.rows is None else "rows"
+        click.echo(f"{entry.file}: {getattr(entry, kind)} {kind}")
 
 
 def _format_of(output: Path) -> str:

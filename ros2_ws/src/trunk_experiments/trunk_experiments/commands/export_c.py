@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import click
 
@@ -24,6 +25,29 @@ from ..plans.files import config_from, find_file, parse_setting
 from ..plans.nodes import declared_names
 from ..plans.plan import suspicious_units
 from ..recorded.run import RecordedRun
+from ..results import Keyword, Result
+
+_DIGEST = Keyword("pattern", "^[0-9a-f]{16}$")
+_SOME = Keyword("minimum", 1)
+
+
+class ExportCResult(Result, document="export-c-1"):
+    """The document of ``trunk export-c``."""
+
+    controller: str
+    name: Annotated[str, "In C: --name, or the controller"]
+    law_alone: Annotated[bool, "Without rate, reference and turns: --law"]
+    folder: Path
+    files: Annotated[list[Path], Keyword("minItems", 4)]
+    parameters: Annotated[str, _DIGEST, "Their digest"]
+    sources: Annotated[str, _DIGEST, "Fingerprint of the Python files that were translated"]
+    arithmetic: str
+    retunable: Annotated[list[str], "Parameters that may change on the target"]
+    states: Annotated[int, _SOME, "That replay.c answers"]
+    commands: Annotated[int, _SOME, "That it compares"]
+    answered_by: Annotated[str, "The recording, or CPython"]
+    compile: Annotated[list[str], "The words of a command"]
+    replay: Annotated[list[str], "The words of a command"]
 
 
 @click.command("export-c")
@@ -44,7 +68,7 @@ from ..recorded.run import RecordedRun
     "--name", help="The name in C, of functions, files and targets; by default CONTROLLER."
 )
 @click.option("--law", "bare", is_flag=True, help="The law's update alone, without rate and turns.")
-@json_option("export-c-1")
+@json_option(ExportCResult)
 def command(
     controller: str,
     params: tuple[str, ...],
@@ -84,23 +108,23 @@ def command(
     run_command = [str(_runnable(output / "replay")), str(output / f"{name}.states")]
     compared = sum(row.compared for row in rows)
     if as_json:
-        values = {
-            "controller": controller,
-            "name": name,
-            "law_alone": bare,
-            "folder": output,
-            "files": written,
-            "parameters": exported.digest,
-            "sources": exported.fingerprint,
-            "arithmetic": "portable-1",
-            "retunable": [leaf.declaration.name for leaf in exported.leaves],
-            "states": len(rows),
-            "commands": compared,
-            "answered_by": origin,
-            "compile": compile_command,
-            "replay": run_command,
-        }
-        write_json("export-c-1", values)
+        result = ExportCResult(
+            controller,
+            name,
+            bare,
+            output,
+            written,
+            exported.digest,
+            exported.fingerprint,
+            "portable-1",
+            [leaf.declaration.name for leaf in exported.leaves],
+            len(rows),
+            compared,
+            origin,
+            compile_command,
+            run_command,
+        )
+        write_json(result)
         return
     for path in written:
         click.echo(path)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import textwrap
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, NamedTuple
 
 import click
 
@@ -14,46 +14,74 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording, Topic
 from trunk_msgs_util.units import seconds
 
-from ..analysis.parameter_text import changed_parameters, lines_of
+from ..analysis.parameter_text import ChangedParameter, changed_parameters, lines_of
 from ..console.document import json_option, write_json
-from ..console.reading import reading, run_values
+from ..console.reading import reading
 from ..console.tables import aligned
 from ..console.terminal import show_warnings
 from ..recorded.run import RecordedRun
 from ..replay.doctor import ERROR, INFO, WARNING, Finding, findings
-from ..replay.doubts import doubts_of
+from ..replay.doubts import RecordingResult, about, doubts_of
+from ..results import Count, Keyword
 
 FINE, FINDINGS = 0, 1  # exit codes of --check
 _WIDTH = 80
 _UNITS = ("B", "kB", "MB", "GB", "TB")
 
 
-def summary(run: RecordedRun) -> dict[str, Any]:
-    """Return a recording's content as plain values; times are the headers' stamps, in s.
+class TopicContent(NamedTuple):
+    """A topic of a recording; times are the headers' stamps, gaps between log times."""
 
-    Gaps are between log times. ``checked`` is False if a long file was judged only by its indexes;
-    a size is then None if messages differ in theirs.
-    """
+    type: str
+    messages: Count
+    rate_hz: float | None
+    longest_gap_s: float | None
+    bytes: Annotated[Count | None, "null: messages differ in size, and not all were read"]
+
+
+class InfoResult(RecordingResult, document="info-1"):
+    """The document of ``trunk info``."""
+
+    files: Annotated[Sequence[Path], Keyword("minItems", 1)]
+    bytes: Count
+    checked: Annotated[bool, "false: judged by its indexes alone"]
+    end: Annotated[Mapping[str, str] | None, "The recorder's last word; null: there is none"]
+    warnings: Sequence[str]
+    recorded_by: str | None
+    duration_s: float | None
+    scenario: str | None
+    controllers: Sequence[str]
+    provenance: Mapping[str, str]
+    nodes: Sequence[str]
+    changed: Annotated[Sequence[ChangedParameter], "What was changed while it ran, by time"]
+    links: Annotated[Mapping[str, str], "What became of the messages of links; empty: none"]
+    topics: Mapping[str, TopicContent]
+
+
+def summary(run: RecordedRun) -> InfoResult:
+    """Return a recording's content, with its doubts as far as its events and indexes show them."""
     recording = run.recording
-    return {
-        "files": [str(path) for path in recording.files],
-        "bytes": recording.size,
-        "checked": recording.checked,
-        "end": recording.end,
-        "warnings": recording.warnings,
-        "recorded_by": recording.library,
-        "duration_s": _duration(recording),
-        "scenario": recording.provenance.get("scenario"),
-        "controllers": list(run.acting),
-        "provenance": recording.provenance,
-        "nodes": sorted(recording.parameters()),
-        "changed": [change._asdict() for change in changed_parameters(run)],
-        "links": links(recording),
-        "topics": {
+    doubts = doubts_of(run, twin=False, whole=recording.checked)
+    return InfoResult(
+        **vars(about(run, doubts)),
+        files=recording.files,
+        bytes=recording.size,
+        checked=recording.checked,
+        end=recording.end,
+        warnings=recording.warnings,
+        recorded_by=recording.library,
+        duration_s=_duration(recording),
+        scenario=recording.provenance.get("scenario"),
+        controllers=tuple(run.acting),
+        provenance=recording.provenance,
+        nodes=sorted(recording.parameters()),
+        changed=changed_parameters(run),
+        links=links(recording),
+        topics={
             name: _topic(topic, recording.longest_gap_ns(name), recording.checked)
             for name, topic in sorted(recording.topics.items())
         },
-    }
+    )
 
 
 def links(recording: Recording) -> dict[str, str]:
@@ -62,16 +90,16 @@ def links(recording: Recording) -> dict[str, str]:
     return next((dict(event.values) for event in counts), {})
 
 
-def _topic(topic: Topic, gap_ns: int, checked: bool) -> dict[str, Any]:
+def _topic(topic: Topic, gap_ns: int, checked: bool) -> TopicContent:
     first, last = topic.first_stamp_ns or 0, topic.last_stamp_ns or 0
     span = seconds(last - first)
-    return {
-        "type": topic.type,
-        "messages": topic.count,
-        "rate_hz": (topic.count - 1) / span if span > 0.0 else None,
-        "longest_gap_s": seconds(gap_ns) if topic.count > 1 else None,
-        "bytes": topic.size if checked or topic.size or not topic.count else None,
-    }
+    return TopicContent(
+        topic.type,
+        topic.count,
+        (topic.count - 1) / span if span > 0.0 else None,
+        seconds(gap_ns) if topic.count > 1 else None,
+        topic.size if checked or topic.size or not topic.count else None,
+    )
 
 
 def _duration(recording: Recording) -> float | None:
@@ -98,7 +126,7 @@ def _size(size: float | None) -> str:
     return f"{size:.0f} B" if unit == 0 else f"{size:.3g} {_UNITS[unit]}"
 
 
-def _pairs(values: dict[str, str]) -> list[str]:
+def _pairs(values: Mapping[str, str]) -> list[str]:
     """Return names and values as lines of no more than 80 columns, where words allow it."""
     width = max(map(len, values), default=0) + 2
     return [
@@ -114,11 +142,18 @@ def _pairs(values: dict[str, str]) -> list[str]:
     ]
 
 
-def _state(content: dict[str, Any]) -> str:
+def _state(content: InfoResult) -> str:
     """Return a word on a recording's completeness, and its source."""
-    if content["checked"]:
-        return f"complete ({content['end']['reason']})"
+    if content.checked and content.end is not None:
+        return f"complete ({content.end['reason']})"
     return "complete by its index; --check reads the content"
+
+
+class DoctorResult(RecordingResult, document="doctor-1"):
+    """The document of ``trunk info --check``."""
+
+    fine: Annotated[bool, "No finding but information"]
+    findings: Sequence[Finding]
 
 
 @click.command("info")
@@ -128,7 +163,7 @@ def _state(content: dict[str, Any]) -> str:
     is_flag=True,
     help="Read all of it, and report what is wrong: checksums, indexes, stamps, gaps, values, digests.",
 )
-@json_option("info-1", "doctor-1")
+@json_option(InfoResult, DoctorResult)
 @click.pass_context
 def command(context: click.Context, run: Path, check: bool, as_json: bool) -> None:
     """Show what is in a recording, an MCAP file or a rosbag2 folder, and whether it is complete.
@@ -141,42 +176,41 @@ def command(context: click.Context, run: Path, check: bool, as_json: bool) -> No
     with reading(run) as tell:
         recording = Recording.open_by_summary(run, tell)
     recorded = RecordedRun(recording)
-    doubts = doubts_of(recorded, twin=False, whole=recording.checked)
     content = summary(recorded)
     if as_json:
-        write_json("info-1", {**run_values(recorded, doubts), **content})
+        write_json(content)
         return
-    for line in doubts.lines:
+    for line in content.doubts.lines if content.doubts else ():
         click.echo(line)
     show_warnings(recording.further_warnings)
-    files = f" in {len(content['files'])} files" if len(content["files"]) > 1 else ""
+    files = f" in {len(content.files)} files" if len(content.files) > 1 else ""
     click.echo(f"{run}: {_state(content)}" if recording.complete else f"{run}")
     overview = {
-        "size": _size(content["bytes"]) + files,
-        "duration": "?" if content["duration_s"] is None else f"{content['duration_s']:.10g} s",
-        "scenario": content["scenario"] or "?",
-        "controller": ", ".join(content["controllers"]) or "none",
-        "parameters of": ", ".join(content["nodes"]) or "no node",
-        "recorded by": content["recorded_by"] or "?",
-        **content["links"],
+        "size": _size(content.bytes) + files,
+        "duration": "?" if content.duration_s is None else f"{content.duration_s:.10g} s",
+        "scenario": content.scenario or "?",
+        "controller": ", ".join(content.controllers) or "none",
+        "parameters of": ", ".join(content.nodes) or "no node",
+        "recorded by": content.recorded_by or "?",
+        **content.links,
     }
     click.echo("\n".join(["", *_pairs(overview), ""]))
-    if changed := lines_of(changed_parameters(recorded)):
+    if changed := lines_of(content.changed):
         click.echo("\n".join(["changed while it ran:", *changed, ""]))
     rows = [
         (
             name,
-            t["type"].rsplit("/", 1)[-1],
-            str(t["messages"]),
-            "" if t["rate_hz"] is None else f"{t['rate_hz']:.5g}",
-            "" if t["longest_gap_s"] is None else f"{1e3 * t['longest_gap_s']:.4g}",
-            _size(t["bytes"]),
+            t.type.rsplit("/", 1)[-1],
+            str(t.messages),
+            "" if t.rate_hz is None else f"{t.rate_hz:.5g}",
+            "" if t.longest_gap_s is None else f"{1e3 * t.longest_gap_s:.4g}",
+            _size(t.bytes),
         )
-        for name, t in content["topics"].items()
+        for name, t in content.topics.items()
     ]
     header = ("topic", "type", "messages", "rate, Hz", "gap, ms", "size")
     click.echo("\n".join([*aligned([header, *rows], texts=2), ""]))
-    click.echo("\n".join(_pairs(content["provenance"]) or ["no provenance"]))
+    click.echo("\n".join(_pairs(content.provenance) or ["no provenance"]))
 
 
 def exit_code(problems: list[Finding]) -> int:
@@ -191,8 +225,7 @@ def _checked(run: Path, as_json: bool) -> int:
         problems = findings(recorded)
     code = exit_code(problems)
     if as_json:
-        shown = [asdict(finding) for finding in problems]
-        write_json("doctor-1", {**run_values(recorded), "fine": code == FINE, "findings": shown})
+        write_json(DoctorResult(**vars(about(recorded)), fine=code == FINE, findings=problems))
     else:
         for finding in problems:
             click.echo(f"{finding.severity:7}  {finding.describe()}")

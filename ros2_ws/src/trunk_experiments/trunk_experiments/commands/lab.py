@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
@@ -17,10 +17,25 @@ from ..console.plan_options import HAND, files_read, plan_of, plan_options, push
 from ..errors import PlanError
 from ..plans.files import parse_setting
 from ..plans.plan import RunPlan
+from ..results import Keyword, Result
 
 _OF_SEVERAL = (
     "A controller of the lab; they run side by side, each on a trunk of its own; repeatable."
 )
+
+
+class LabResult(Result, document="export-web-1"):
+    """The document of ``trunk lab``."""
+
+    file: Path
+    bytes: Annotated[int, Keyword("minimum", 1)]
+    scenario: str
+    controllers: Annotated[Sequence[str], Keyword("minItems", 1)]
+    states: Annotated[int, Keyword("minimum", 1), "Of a whole run"]
+    knobs: Annotated[list[str], "NODE.PARAM that the page can change"]
+    commands: Annotated[
+        Mapping[str, list[str]], "The words that make the page's run, by controller"
+    ]
 
 
 @click.command("lab")
@@ -34,7 +49,7 @@ _OF_SEVERAL = (
     help="A parameter that the page can change; repeatable.  [default: all that can be]",
 )
 @output_options("The HTML file to write.", required=True)
-@json_option("export-web-1")
+@json_option(LabResult)
 def command(
     output: Path,
     force: bool,
@@ -56,16 +71,8 @@ def command(
     lab, size = write_lab(output, controllers, chosen, **options)
     knobs = [f"{node}.{name}" for node, names in lab["knobs"].items() for name in names]
     if as_json:
-        values = {
-            "file": output,
-            "bytes": size,
-            "scenario": lab["scenario"],
-            "controllers": controllers,
-            "states": lab["states"],
-            "knobs": knobs,
-            "commands": lab["commands"],
-        }
-        write_json("export-web-1", values)
+        scenario, states, commands = lab["scenario"], lab["states"], lab["commands"]
+        write_json(LabResult(output, size, scenario, controllers, states, knobs, commands))
         return
     click.echo(
         f"{output}: {lab['scenario']}, {', '.join(controllers)}, {len(knobs)} knob{'s' * (len(knobs) != 1)}, "

@@ -32,7 +32,7 @@ from ..plans.plan import RunPlan, make_plan
 from ..plans.pushes import UNITS, parse_push, valued
 
 if TYPE_CHECKING:
-    from ..study.limit import Bracket, Survival
+    from ..study.limit import Limit, SurvivalPoint
 
 PlanOf = Callable[[str, str], RunPlan]  # of a controller, with a value
 
@@ -88,7 +88,7 @@ PlanOf = Callable[[str, str], RunPlan]  # of a controller, with a value
     "A folder for the two recordings on either side; with --study, the picture.",
     force="Replace files that exist.",
 )
-@json_option("limit-1")
+@json_option("study.limit:LimitResult")
 def command(
     scenario: str | None,
     vary: str | None,
@@ -126,7 +126,7 @@ def command(
         return
     if device != "cpu":
         raise PlanError(f"--device {device}: it is for --study alone: leave it out")
-    from ..study.limit import condition_lines, conditions_of
+    from ..study.limit import LimitResult, condition_lines, conditions_of
 
     make = partial(_plan, str(scenario), params, settings, vary, push)
     names = controllers or ("pid", "fuzzy_pid")
@@ -148,21 +148,15 @@ def command(
             if path.exists() and not force:
                 raise PlanError(f"{path}: it exists: give another folder, or --force")
     limits = _limits(make, names, bounds, within)
-    recordings = {}
     if output is not None:
         output.mkdir(parents=True, exist_ok=True)
-        recordings = {n: _record(make, n, limits[n], files[n], force) for n in names}
+        limits = {n: _record(make, limit, files[n], force) for n, limit in limits.items()}
     if as_json:
-        rows = [
-            {"controller": n, **limit.as_values(), "recordings": recordings.get(n, [])}
-            for n, limit in limits.items()
-        ]
-        values = {"parameter": title, "unit": unit, **conditions, "limits": rows, "survival": []}
-        write_json("limit-1", values)
+        write_json(LimitResult(title, unit, *conditions, [*limits.values()], []))
         return
     _show(limits, title, unit, bounds)
     click.echo("\n".join(condition_lines(conditions)))
-    for path in (path for pair in recordings.values() for path in pair):
+    for path in (path for limit in limits.values() for path in limit.recordings):
         click.echo(f"recording: {path}")
 
 
@@ -223,13 +217,13 @@ def _numbers(low: str, high: str, unit: str) -> tuple[tuple[float, float], str]:
 
 def _limits(
     make: PlanOf, names: tuple[str, ...], bounds: tuple[float, float], within: float
-) -> dict[str, Bracket]:
+) -> dict[str, Limit]:
     from ..study.limit import find_limit, most_runs
 
     first, last = bounds
     exact = within * abs(last - first)
     most = most_runs(first, last, exact)
-    limits: dict[str, Bracket] = {}
+    limits: dict[str, Limit] = {}
     with progress_bar("runs") as tell:
         tell(0, most * len(names))
         for name in names:
@@ -247,8 +241,8 @@ def _at(make: PlanOf, name: str, value: float) -> RunPlan:
     return make(name, repr(value))
 
 
-def _record(make: PlanOf, name: str, limit: Bracket, files: list[Path], force: bool) -> list[Path]:
-    """Record the runs on either side of a limit, as far as there are any; return the files."""
+def _record(make: PlanOf, limit: Limit, files: list[Path], force: bool) -> Limit:
+    """Record the runs on either side of a limit, as far as there are any; return it with the files."""
     from trunk_sim.simulation import DivergedError
 
     from ..runs.offline_recording import record_offline
@@ -258,14 +252,14 @@ def _record(make: PlanOf, name: str, limit: Bracket, files: list[Path], force: b
         if value is None:
             continue
         try:
-            record_offline(_at(make, name, value), path, overwrite=force)
+            record_offline(_at(make, limit.controller, value), path, overwrite=force)
         except DivergedError:
             show_warnings([f"{path}: diverges, as recorded"])
         written.append(path)
-    return written
+    return limit._replace(recordings=tuple(written))
 
 
-def _show(limits: dict[str, Bracket], vary: str, unit: str, bounds: tuple[float, float]) -> None:
+def _show(limits: dict[str, Limit], vary: str, unit: str, bounds: tuple[float, float]) -> None:
     rows = []
     unit, scale = _shown(unit)
     for name, limit in limits.items():
@@ -295,7 +289,7 @@ def _study(
 ) -> None:  # fmt: skip
     import numpy as np
 
-    from ..study.limit import condition_lines, conditions_of, survival
+    from ..study.limit import LimitResult, condition_lines, conditions_of, survival
     from ..study.rows import make_bases
     from ..study.study import Target, read_study
     from .study.sweep import maker_on
@@ -332,28 +326,19 @@ def _study(
         title = f"{name}: {next(iter(curves.values())).runs} runs at each value, 95 % intervals"
         save(draw_survival(curves, with_unit(vary, unit), title), output)
     if as_json:
-        write_json(
-            "limit-1",
-            {
-                "parameter": vary,
-                "unit": unit,
-                **conditions,
-                "limits": [],
-                "survival": [{"controller": n, **curve.as_values()} for n, curve in curves.items()],
-            },
-        )
+        write_json(LimitResult(vary, unit, *conditions, [], [*curves.values()]))
         return
     unit, scale = _shown(unit)
     print_table(
         f"runs of {name} that stand, % (95 %: Wilson)",
         (f"{vary}, {unit}", *curves),
         [
-            (f"{scale * value:.4g}", *(_share(curve, k) for curve in curves.values()))
+            (f"{scale * value:.4g}", *(_share(curve.points[k]) for curve in curves.values()))
             for k, value in enumerate(values)
         ],
     )
     for controller, curve in curves.items():
-        half = curve.half()
+        half = curve.half_falls_at
         at = "not reached" if half is None else f"{scale * half:.4g} {unit}"
         click.echo(f"half of them fall, {controller}: {at}")
     click.echo("\n".join(condition_lines(conditions)))
@@ -361,6 +346,5 @@ def _study(
         click.echo(f"picture: {output}")
 
 
-def _share(curve: Survival, k: int) -> str:
-    estimate = curve.shares[k]
-    return f"{100 * estimate.value:.0f} ({100 * estimate.low:.0f} to {100 * estimate.high:.0f})"
+def _share(point: SurvivalPoint) -> str:
+    return f"{100 * point.share:.0f} ({100 * point.low:.0f} to {100 * point.high:.0f})"

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import click
 
-from ..analysis.metrics import missing
 from ..console.document import json_option, schemas, write_json
 from ..console.reading import open_run
 from ..console.tables import aligned, print_table
 from ..console.verbs import Verbs
 from ..errors import PlanError
-
-if TYPE_CHECKING:
-    from ..replay.doubts import Doubts
+from ..replay.doubts import RecordingResult, Word, about, doubts_of
+from ..results import Result, number
 
 # Column headings of the metrics by which docs/paper.md judges.
 _SHOWN = {
@@ -30,37 +29,58 @@ UNJUDGED = "unjudged"  # not recomputed here, whoever verified it before
 _REFUTED = ("diverges", "not signed")  # words of a verdict
 
 
-class ListedRun(NamedTuple):
+class ListedRun(RecordingResult):
     """A recording in a folder."""
 
-    path: Path
-    started: str  # UTC; empty if unknown
-    scenario: str
-    controllers: tuple[str, ...]
-    mode: str
-    verdict: str  # of trunk verify, or UNJUDGED
-    doubts: Doubts | None  # None: it cannot be read
-    metrics: dict[str, float | None]  # empty if there are none
-    error: str = ""
+    started: Annotated[str | None, "UTC, ISO 8601"] = None
+    scenario: str | None = None
+    controllers: tuple[str, ...] = ()
+    mode: str | None = None
+    metrics: Annotated[Mapping[str, float | None], "Empty if there are none"] = field(
+        default_factory=dict
+    )
+    error: Annotated[str | None, "Why it cannot be read"] = None
 
     @property
     def words(self) -> tuple[str, ...]:
         """What makes it doubtful: FELL, LATE, INCOMPLETE."""
         return tuple(line.split(":")[0] for line in self.doubts.lines) if self.doubts else ()
 
-    def as_values(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
-        judged = None if self.verdict == UNJUDGED else self.verdict
-        return {
-            "file": self.path,
-            "doubts": None if self.doubts is None else self.doubts.as_values(judged),
-            "started": self.started or None,
-            "scenario": self.scenario or None,
-            "controllers": self.controllers,
-            "mode": self.mode or None,
-            "metrics": self.metrics,
-            "error": self.error or None,
-        }
+    @property
+    def verdict(self) -> str:
+        """The verdict of `trunk verify`, where it was asked for."""
+        return UNJUDGED if self.doubts is None else self.doubts.judged or UNJUDGED
+
+
+class ListRunsResult(Result, document="list-runs-1"):
+    """The document of ``trunk list runs``."""
+
+    runs: Annotated[Sequence[ListedRun], "The newest first"]
+
+
+class ListFilesResult(Result, document="list-files-1"):
+    """The document of ``trunk list scenarios``, files, studies."""
+
+    files: Annotated[Mapping[str, Path], "Path by name"]
+
+
+class ListSchemasResult(Result, document="list-schemas-1"):
+    """The document of ``trunk list schemas``."""
+
+    schemas: Annotated[Mapping[str, Mapping[str, object]], "JSON Schema by name"]
+
+
+class ListedController(NamedTuple):
+    """A controller and how it is started."""
+
+    label: str
+    command: Annotated[Sequence[str], "The words that start the node"]
+
+
+class ListControllersResult(Result, document="list-controllers-1"):
+    """The document of ``trunk list controllers``."""
+
+    controllers: Mapping[str, ListedController]
 
 
 @click.group("list", cls=Verbs)
@@ -88,31 +108,29 @@ def listed(path: Path, judge: bool = False) -> ListedRun:
 
     from ..analysis.metrics import metrics
     from ..analysis.run_table import RunTable
-    from ..replay.doubts import doubts_of
 
     try:
         run = open_run(path)
         provenance = run.recording.provenance
         doubts = doubts_of(run, twin=False)
     except (TrunkError, OSError) as error:
-        return ListedRun(path, "", "", (), "", "", None, {}, str(error))
+        return ListedRun(path, None, error=str(error))
     try:
         values = metrics(RunTable.from_run(run, only=("reference",))).as_dict()
     except (TrunkError, ValueError):
         values = {}
     return ListedRun(
         path,
-        provenance.get("started_utc", ""),
-        provenance.get("scenario", ""),
+        about(run, doubts, _verdict(path) if judge else None).doubts,
+        provenance.get("started_utc") or None,
+        provenance.get("scenario") or None,
         tuple(run.acting),
-        run.mode,
-        _verdict(path) if judge else UNJUDGED,
-        doubts,
+        run.mode or None,
         {name: values[name] for name in _SHOWN if name in values},
     )
 
 
-def _verdict(path: Path) -> str:
+def _verdict(path: Path) -> Word:
     from trunk_msgs_util.errors import TrunkError
 
     from ..replay.verdict import Verdict
@@ -128,7 +146,7 @@ def _verdict(path: Path) -> str:
 @command.command("runs")
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
 @click.option("--verify", "judge", is_flag=True, help="Judge each run, as trunk verify does.")
-@json_option("list-runs-1")
+@json_option(ListRunsResult)
 @click.pass_context
 def runs(ctx: click.Context, folder: Path, judge: bool, as_json: bool) -> None:
     """List the recordings below FOLDER (default: the current one), newest first, with their main metrics.
@@ -138,14 +156,14 @@ def runs(ctx: click.Context, folder: Path, judge: bool, as_json: bool) -> None:
     exit code is 1 if a run diverges.
     """
     entries = [listed(path, judge) for path in recordings_in(folder)]
-    entries.sort(key=lambda entry: entry.started, reverse=True)
+    entries.sort(key=lambda entry: entry.started or "", reverse=True)
     if as_json:
-        write_json("list-runs-1", {"runs": [entry.as_values() for entry in entries]})
+        write_json(ListRunsResult(entries))
     else:
         for entry in entries:
             if entry.error:
-                named = entry.error.startswith(str(entry.path))
-                click.echo(entry.error if named else f"{entry.path}: {entry.error}", err=True)
+                named = entry.error.startswith(str(entry.file))
+                click.echo(entry.error if named else f"{entry.file}: {entry.error}", err=True)
         _show(folder, [entry for entry in entries if not entry.error])
     ctx.exit(int(any(entry.verdict in _REFUTED for entry in entries)))
 
@@ -159,10 +177,10 @@ def _show(folder: Path, entries: Sequence[ListedRun]) -> None:
         ("run", "scenario", "controller", "mode", "verdict", "doubts", *_SHOWN.values()),
         [
             (
-                str(entry.path.relative_to(folder) if entry.path != folder else entry.path),
-                entry.scenario,
+                str(entry.file.relative_to(folder) if entry.file != folder else entry.file),
+                entry.scenario or "",
                 ", ".join(entry.controllers),
-                entry.mode,
+                entry.mode or "",
                 entry.verdict,
                 ", ".join(entry.words),
                 *(_metric(entry, name) for name in _SHOWN),
@@ -176,12 +194,11 @@ def _show(folder: Path, entries: Sequence[ListedRun]) -> None:
 def _metric(run: ListedRun, name: str) -> str:
     if name not in run.metrics:
         return ""
-    value = run.metrics[name]
-    return missing(name) if value is None else f"{value:.4g}"
+    return number(run.metrics[name], 4)
 
 
 @command.command("scenarios")
-@json_option("list-files-1")
+@json_option(ListFilesResult)
 def scenarios(as_json: bool) -> None:
     """List the shipped scenarios: what happens in each; trunk list files has their paths."""
     from ..plans.files import SCENARIOS, shipped_files
@@ -198,7 +215,7 @@ def scenarios(as_json: bool) -> None:
 
 
 @command.command("files")
-@json_option("list-files-1")
+@json_option(ListFilesResult)
 def parameter_files(as_json: bool) -> None:
     """List the shipped parameter files."""
     from ..plans.files import shipped_files
@@ -207,7 +224,7 @@ def parameter_files(as_json: bool) -> None:
 
 
 @command.command("studies")
-@json_option("list-files-1")
+@json_option(ListFilesResult)
 def studies(as_json: bool) -> None:
     """List the shipped studies."""
     from ..study.study import shipped_studies
@@ -216,14 +233,19 @@ def studies(as_json: bool) -> None:
 
 
 @command.command("schemas")
-@json_option("list-files-1")
-def json_schemas(as_json: bool) -> None:
-    """List the JSON Schemas of what verbs print with --json."""
-    _files(schemas(), as_json)
+@json_option(ListSchemasResult)
+@click.pass_context
+def json_schemas(ctx: click.Context, as_json: bool) -> None:
+    """List what verbs print with --json; with --json, the JSON Schema of each document."""
+    known = schemas(ctx.find_root().command)
+    if as_json:
+        write_json(ListSchemasResult(known))
+    else:
+        click.echo("\n".join(aligned([(name, str(of["title"])) for name, of in known.items()])))
 
 
 @command.command("controllers")
-@json_option("list-controllers-1")
+@json_option(ListControllersResult)
 def controllers(as_json: bool) -> None:
     """List the controllers, with the commands that start them."""
     from trunk_control.laws import law_named
@@ -232,13 +254,12 @@ def controllers(as_json: bool) -> None:
 
     if as_json:
         entries = {
-            name: {
-                "label": law_named(name).label,
-                "command": ["ros2", "run", NODES[name].package, name],
-            }
+            name: ListedController(
+                law_named(name).label, ("ros2", "run", NODES[name].package, name)
+            )
             for name in CONTROLLERS
         }
-        write_json("list-controllers-1", {"controllers": entries})
+        write_json(ListControllersResult(entries))
         return
     rows = [
         (name, f"{law_named(name).label}: ros2 run {NODES[name].package} {name}")
@@ -249,6 +270,6 @@ def controllers(as_json: bool) -> None:
 
 def _files(paths: Mapping[str, Path], as_json: bool) -> None:
     if as_json:
-        write_json("list-files-1", {"files": paths})
+        write_json(ListFilesResult(paths))
     else:
         click.echo("\n".join(aligned([(name, str(path)) for name, path in paths.items()])))

@@ -16,7 +16,7 @@ from trunk_msgs_util.node import middleware
 
 from ..console.document import json_option
 from ..console.outputs import check_not_read, output_options
-from ..console.page import checked_host, page_options, serve, show_address
+from ..console.page import PageResult, checked_host, page_options, serve, show_address
 from ..console.plan_options import HAND, external_option, files_read, plan_of, plan_options
 from ..console.terminal import line_of, report_error
 from ..errors import GatewayError, PlanError, RunError
@@ -56,7 +56,7 @@ _OF_THE_PAGE = ("attach", "host", "port", "url", "browser", "as_json")
     help="Join the graph that is running in this namespace; / for none.",
 )
 @page_options
-@json_option("page-1")
+@json_option(PageResult)
 def command(
     scenario: str | None,
     controller: tuple[str, ...],

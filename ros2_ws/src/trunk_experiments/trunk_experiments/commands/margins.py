@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 )
 @loop_options
 @output_options("Also a picture: Bode, Nyquist, root locus and step; .png, .svg or .pdf.")
-@json_option("margins-1")
+@json_option("tuning.margins:MarginsResult")
 def command(
     run: Path | None,
     controller: str | None,
@@ -45,7 +45,7 @@ def command(
     profile is profile_practical unless --params gives another. docs/tuning.md says what each column means,
     and which margins are thin.
     """
-    from ..tuning.margins import plan_margins
+    from ..tuning.margins import MarginsResult, plan_margins
 
     if str(run) in CONTROLLERS and not Path(str(run)).exists():
         raise PlanError(f"{run} is a controller: give --controller {run}")
@@ -74,13 +74,7 @@ def command(
         save(draw(drawn, f"{plan.turns} at {rate_text}, about the upright"), output)
     if as_json:
         show_warnings(margin_warnings(plan, rows))
-        values = {
-            "file": run,
-            "output": output,
-            "update_rate_hz": plan.controller.update_rate,
-            "margins": [row.as_values() for row in rows],
-        }
-        write_json("margins-1", values)
+        write_json(MarginsResult(run, output, plan.controller.update_rate, rows))
         return
     print_margins(plan, rows)
     if output is not None:
@@ -115,7 +109,7 @@ def print_margins(plan: RunPlan, rows: Sequence[LoopMargins]) -> None:
                 f"{m.modulus:.3f}",
                 f"{1e3 * m.delay:.4g}",
             )
-        cells.append((row.at, row.hip, *numbers, f"{row.radius:.6f}"))
+        cells.append((row.at, row.hip, *numbers, f"{row.spectral_radius:.6f}"))
     print_table(
         f"margins of the sampled loop at {plan.controller.update_rate:g} Hz, linearised trunk",
         ("at", "hip", "gain, factor", "phase °", "modulus", "delay ms", "radius"),

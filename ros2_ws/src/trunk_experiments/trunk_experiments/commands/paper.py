@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Also each figure's experiment as a page that runs it in a browser; needs clang and lld.",
 )
-@json_option("paper-1")
+@json_option("paper.reproduction:PaperResult")
 @click.pass_context
 def command(
     context: click.Context,
@@ -49,8 +49,7 @@ def command(
     """
     from ..lab.wasm import missing_tools
     from ..paper.report import write_report
-    from ..paper.reproduction import as_json as paper_values
-    from ..paper.reproduction import reproduce
+    from ..paper.reproduction import PaperResult, paper_numbers, reproduce
     from ..paper.runs import FIGURES
     from ..runs.node_processes import check_nodes_installed
     from .lab import write_lab
@@ -69,7 +68,7 @@ def command(
         report = write_report(result, output, tell, labs)
     shown = sum(shown for _, shown, _ in result.errata)
     if as_json:
-        write_json("paper-1", {"folder": output, "report": report, **paper_values(result)})
+        write_json(PaperResult(output, report, **vars(paper_numbers(result))))
     else:
         _show(result, report, graph)
     if result.differing or shown < len(result.errata):

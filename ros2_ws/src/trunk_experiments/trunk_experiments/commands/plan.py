@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
 from ..console.document import json_option, write_json
-from ..console.outputs import check_output, output_options
+from ..console.outputs import OutputResult, check_output, output_options
 from ..console.plan_options import (
+    PlanResult,
+    about_plan,
     external_option,
     files_read,
     plan_of,
     plan_options,
-    plan_values,
 )
 from ..plans.files import checked_namespace
 from ..runs.launching import connection_lines, launch_nodes
+
+
+class NodesResult(PlanResult, OutputResult, document="plan-1"):
+    """The document of ``trunk plan``."""
+
+    commands: Annotated[list[tuple[str, ...]], "How to start each node: the words of a command"]
 
 
 @click.command("plan")
@@ -29,7 +36,7 @@ from ..runs.launching import connection_lines, launch_nodes
     "--lockstep", is_flag=True, help="Step when every node has answered: the same bits each time."
 )
 @click.option("--namespace", default="", help="Namespace of all nodes, such as robot1.")
-@json_option("plan-1")
+@json_option(NodesResult)
 def command(
     output: Path | None,
     force: bool,
@@ -53,7 +60,7 @@ def command(
         for node in launch_nodes(plan, target)
     ]
     if as_json:
-        write_json("plan-1", {"output": target, **plan_values(plan), "commands": commands})
+        write_json(NodesResult(target, **vars(about_plan(plan)), commands=commands))
         return
     for words in commands:
         click.echo(shlex.join(words))

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import click
 
 from ..console.document import json_option, write_json
-from ..console.outputs import check_output, default_name, output_options
-from ..console.reading import open_views, run_values, show_warnings_of
+from ..console.outputs import OutputResult, check_output, default_name, output_options
+from ..console.reading import open_views, show_warnings_of
 from ..console.terminal import show_warnings
+from ..replay.doubts import RecordingResult, about, doubts_of
+from ..results import Keyword
+
+
+class PlotResult(OutputResult, document="plot-1"):
+    """The document of ``trunk plot``."""
+
+    runs: Annotated[Sequence[RecordingResult], Keyword("minItems", 1)]
 
 
 @click.command("plot")
@@ -35,7 +45,7 @@ from ..console.terminal import show_warnings
     flag_value="surface",
     help="Draw what the rules infer over e and ė, and the run's way over it; of one run.",
 )
-@json_option("plot-1")
+@json_option(PlotResult)
 def command(
     runs: tuple[Path, ...],
     output: Path | None,
@@ -47,7 +57,6 @@ def command(
     """Draw one recorded run, or several overlaid, as PNG, SVG or PDF."""
     if rules and (number or len(runs) > 1):
         raise click.UsageError(f"--{rules}: give one run, and no --fig")
-    from ..replay.doubts import doubts_of
     from ..views.plots import SUFFIXES, overview, paper_figure, save
 
     default = Path(f"fig{number}.png") if number else default_name(runs[0], ".png")
@@ -69,9 +78,7 @@ def command(
         figure = paper_figure(views, number) if number else overview(views)
     save(figure, target)
     if as_json:
-        documents = [
-            run_values(view.run, run_doubts) for view, run_doubts in zip(views, doubts, strict=True)
-        ]
-        write_json("plot-1", {"output": target, "runs": documents})
+        runs_shown = [about(view.run, known) for view, known in zip(views, doubts, strict=True)]
+        write_json(PlotResult(target, runs_shown))
         return
     click.echo(f"{target}: {len(views)} run{'s' if len(views) > 1 else ''}")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Annotated
 
 import click
 
@@ -12,13 +14,27 @@ from trunk_msgs_util.recording.recover import recover
 
 from ..console.document import json_option, write_json
 from ..console.outputs import check_output, output_options
-from ..console.reading import written_values
+from ..console.reading import WrittenResult, about_written
+from ..results import Count, Named, Result
+
+
+class _Recovered(Result):
+    """What a recording was recovered from."""
+
+    broken: Annotated[Path, Named("from"), "The broken file"]
+
+
+class RecoverResult(WrittenResult, _Recovered, document="recover-1"):
+    """The document of ``trunk recover``."""
+
+    messages: Annotated[Mapping[str, Count], "Saved, by topic"]
+    lost: Annotated[Sequence[str], "Empty: nothing"]
 
 
 @click.command("recover")
 @click.argument("broken", type=click.Path(path_type=Path, exists=True))
 @output_options("The MCAP file to write.", required=True)
-@json_option("recover-1")
+@json_option(RecoverResult)
 @click.pass_context
 def command(context: click.Context, broken: Path, output: Path, force: bool, as_json: bool) -> None:
     """Write a finished, indexed file with everything that can be read from a broken one.
@@ -31,8 +47,8 @@ def command(context: click.Context, broken: Path, output: Path, force: bool, as_
     check_output(output, (".mcap",), force, [broken])
     recovery = recover(broken, output, force)
     if as_json:
-        saved = {"messages": recovery.messages, "lost": recovery.lost}
-        write_json("recover-1", {"from": broken, **written_values(output), **saved})
+        written = vars(about_written(output))
+        write_json(RecoverResult(broken, **written, **vars(recovery)))
     else:
         for line in recovery.lost:
             click.echo(f"lost: {line}")

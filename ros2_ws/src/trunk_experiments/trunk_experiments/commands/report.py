@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import click
 
 from ..console.document import json_option, write_json
-from ..console.outputs import check_output, default_name, output_options
-from ..console.reading import open_views, run_values, show_warnings_of
+from ..console.outputs import OutputResult, check_output, default_name, output_options
+from ..console.reading import open_views, show_warnings_of
+from ..replay.doubts import RecordingResult, about
+from ..results import Count, Keyword
+
+
+class ReportResult(OutputResult, document="report-1"):
+    """The document of ``trunk report``."""
+
+    bytes: Count
+    runs: Annotated[Sequence[RecordingResult], Keyword("minItems", 1)]
 
 
 @click.command("report")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
 @output_options("The page to write.  [default: RUN.html, named after the run's folder]")
-@json_option("report-1")
+@json_option(ReportResult)
 def command(runs: tuple[Path, ...], output: Path | None, force: bool, as_json: bool) -> None:
     """Write one HTML file that shows recorded runs: animated, plotted, judged.
 
@@ -28,7 +39,6 @@ def command(runs: tuple[Path, ...], output: Path | None, force: bool, as_json: b
     show_warnings_of(views)
     size = write(make_report(views), target)
     if as_json:
-        documents = [run_values(view.run) for view in views]
-        write_json("report-1", {"output": target, "bytes": size, "runs": documents})
+        write_json(ReportResult(target, size, [about(view.run) for view in views]))
         return
     click.echo(f"{target}: {len(views)} run{'s' if len(views) > 1 else ''}, {size / 1e6:.1f} MB")

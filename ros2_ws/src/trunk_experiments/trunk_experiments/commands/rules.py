@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, NamedTuple
 
 import click
 
@@ -19,10 +19,45 @@ from ..console.plan_options import ControllerName, parameter_options
 from ..console.terminal import show_warnings
 from ..console.verbs import Verbs
 from ..errors import PlanError
+from ..results import Keyword, Result
 
 _INPUTS = {"e": "e", "e_dot": "e_dot", "ė": "e_dot"}
 _OUTPUTS = {name: name for name in ("u", "kp", "kd", "alpha")}
 _FILE = click.Path(path_type=Path)
+
+
+Peaks = Annotated[int, Keyword("minimum", 2), Keyword("maximum", 64)]
+
+
+class ImportedPeaks(NamedTuple):
+    """How many peaks the table has."""
+
+    error: Peaks
+    rate: Peaks
+
+
+class ImportedDeviation(NamedTuple):
+    """The greatest deviation from the file, and where it is."""
+
+    output: Annotated[str, Keyword("enum", ("u", "kp", "kd", "alpha"))]
+    share: Annotated[float, "Of the output's span"]
+    distance: Annotated[float, "In the file's unit"]
+    error: float
+    rate: float
+
+
+class ImportRulesResult(Result, document="import-fuzzy-1"):
+    """The document of ``trunk rules read``."""
+
+    file: Path
+    controller: Annotated[str, Keyword("enum", ("fuzzy_pid", "fuzzy"))]
+    output: Annotated[Path, "The parameter file"]
+    picture: Annotated[Path | None, "null: none asked for"]
+    exact: Annotated[bool, "Nothing deviates but by rounding"]
+    peaks: ImportedPeaks
+    deviation: Annotated[ImportedDeviation, "The greatest of 100,000 points"]
+    silent_terms: Annotated[Sequence[str], "variable: term, those that are 0 over the whole range"]
+    parameters: Annotated[Mapping[str, object], "The controller's"]
 
 
 @click.group("rules", cls=Verbs)
@@ -63,7 +98,7 @@ def command() -> None:
     help="Greatest deviation of a table that cannot be exact, as a share of the output's span.",
 )
 @click.option("--picture", type=_FILE, help="Both surfaces and their difference; .png, .svg, .pdf.")
-@json_option("import-fuzzy-1")
+@json_option(ImportRulesResult)
 def read_command(
     file: Path,
     inputs: Sequence[str],
@@ -100,27 +135,19 @@ def read_command(
     for term in imported.silent:
         click.echo(f"trunk: warning: {term} is 0 over the whole range", err=True)
     if as_json:
-        deviation = imported.deviation
-        write_json(
-            "import-fuzzy-1",
-            {
-                "file": file,
-                "controller": imported.node,
-                "output": target,
-                "picture": picture,
-                "exact": imported.exact,
-                "peaks": {"error": imported.peaks[0], "rate": imported.peaks[1]},
-                "deviation": {
-                    "output": imported.output,
-                    "share": deviation.share,
-                    "distance": deviation.distance,
-                    "error": deviation.error,
-                    "rate": deviation.rate,
-                },
-                "silent_terms": imported.silent,
-                "parameters": imported.values,
-            },
+        d = imported.deviation
+        result = ImportRulesResult(
+            file,
+            imported.node,
+            target,
+            picture,
+            imported.exact,
+            ImportedPeaks(*imported.peaks),
+            ImportedDeviation(imported.output, d.share, d.distance, d.error, d.rate),
+            imported.silent,
+            imported.values,
         )
+        write_json(result)
         return
     click.echo(f"{file}: {imported.text}")
     if picture is not None:
@@ -142,6 +169,15 @@ def _pairs(option: str, texts: Sequence[str], keys: dict[str, str]) -> dict[str,
     return pairs
 
 
+class ExportRulesResult(Result, document="export-fuzzy-1"):
+    """The document of ``trunk rules write``."""
+
+    controller: str
+    output: Path
+    rules: Annotated[int, Keyword("minimum", 4)]
+    outputs: Annotated[list[Literal["u", "kp", "kd", "alpha"]], Keyword("minItems", 1)]
+
+
 @command.command("write")
 @click.option(
     "--controller",
@@ -150,7 +186,7 @@ def _pairs(option: str, texts: Sequence[str], keys: dict[str, str]) -> dict[str,
 )
 @parameter_options
 @output_options("The file: .fis (MATLAB, Octave) or .fll (fuzzylite).", required=True)
-@json_option("export-fuzzy-1")
+@json_option(ExportRulesResult)
 def write_command(
     controller: str | None,
     params: Sequence[str],
@@ -180,10 +216,7 @@ def write_command(
     rules = len(config.error_peaks) * len(config.rate_peaks)
     names = [table.name for table in config.tables]
     if as_json:
-        write_json(
-            "export-fuzzy-1",
-            {"controller": name, "output": output, "rules": rules, "outputs": names},
-        )
+        write_json(ExportRulesResult(name, output, rules, names))
         return
     click.echo(f"{output}: {rules} rules of {name} for {', '.join(names)}")
 

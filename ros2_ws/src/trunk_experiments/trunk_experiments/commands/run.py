@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
@@ -11,29 +11,48 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.errors import RecordingError
 from trunk_msgs_util.node import middleware
 
+from ..analysis.metrics import Metrics
 from ..analysis.run_table import recorded_metrics
 from ..console.document import json_option, write_json
 from ..console.outputs import check_not_read, output_options
 from ..console.plan_options import (
+    PlanResult,
+    about_plan,
     external_option,
     files_read,
     markers_option,
     plan_of,
     plan_options,
-    plan_values,
     push_option,
 )
 from ..console.progress import progress_bar
-from ..console.reading import Values, run_values, written_values
+from ..console.reading import about_written
 from ..console.terminal import console, line_of, report_error, show_warnings
 from ..errors import PlanError, RunError
 from ..recorded.run import RecordedRun
-from ..replay.doubts import doubts_of, silence
+from ..replay.doubts import RecordingResult, about, doubts_of, silence
+from ..results import Count
 from ..runs.graph import run_graph
 from ..runs.launching import connection_lines
 from ..runs.node_processes import check_nodes_installed, claimed_domain
 from ..runs.run_files import RunFiles
 from .metrics import show_metrics
+
+
+class _Recorded(RecordingResult):
+    """What was recorded of a run."""
+
+    metrics: Annotated[Metrics | None, "null where the run failed, or there is nothing to measure"]
+    states: Annotated[Count | None, "Recorded states; null: no file to read"]
+    commands: Count | None
+
+
+class RunResult(PlanResult, _Recorded, document="run-1"):
+    """The document of ``trunk run``."""
+
+    lockstep: bool
+    parameters: Annotated[Path, "The nodes' parameter file"]
+    failure: Annotated[str | None, "Why the run ended before its end, or has no metrics; else null"]
 
 
 @click.command("run")
@@ -58,7 +77,7 @@ from .metrics import show_metrics
     metavar="FACTOR",
     help="Pace of a lock-step run, as a multiple of real time.  [default: as fast as possible]",
 )
-@json_option("run-1")
+@json_option(RunResult)
 def command(
     output: Path | None,
     force: bool,
@@ -100,7 +119,7 @@ def command(
     duration = plan.simulator.duration
     for line in connection_lines(plan) if plan.external is not None else ():
         screen.print(line, highlight=False, markup=False, soft_wrap=True)
-    values = {**plan_values(plan), "lockstep": lockstep, "parameters": files.parameters}
+    planned = {**vars(about_plan(plan)), "lockstep": lockstep, "parameters": files.parameters}
     try:
         with progress_bar("running") as done:
             recording = run_graph(
@@ -113,12 +132,13 @@ def command(
     except RunError as error:
         if not as_json:
             raise
-        failed = {**written_values(files.recording), "commands": None, "metrics": None}
-        write_json("run-1", {**failed, **values, "failure": line_of(error)})
+        written = vars(about_written(files.recording))
+        failure = line_of(error)
+        write_json(RunResult(**written, commands=None, metrics=None, **planned, failure=failure))
         click.get_current_context().exit(report_error(error))
     run = RecordedRun(recording)
     if as_json:
-        write_run(run, values)
+        write_run(run, planned)
     else:
         show_run(files, run)
     if not recording.complete:
@@ -127,20 +147,28 @@ def command(
         click.get_current_context().exit(2)
 
 
-def write_run(run: RecordedRun, values: Values) -> None:
+def write_run(run: RecordedRun, planned: dict[str, Any]) -> None:
     """Write a run's document. One without metrics is a failed run: ends with the error's exit code."""
     show_warnings(run.recording.further_warnings)
-    document: Values = {**run_values(run, doubts_of(run)), "metrics": None}
+    recorded = vars(about(run, doubts_of(run)))
+    measured: Metrics | None = None
     error: RecordingError | None = None
     try:
-        document["metrics"] = recorded_metrics(run).as_dict()
+        measured = recorded_metrics(run)
     except RecordingError as without:
         error = without
-    counts = {
-        "states": run.count(topics.GROUND_TRUTH),
-        "commands": run.count(topics.EFFORT_COMMAND),
-    }
-    write_json("run-1", {**document, **counts, **values, "failure": error and line_of(error)})
+    states, commands = run.count(topics.GROUND_TRUTH), run.count(topics.EFFORT_COMMAND)
+    failure = None if error is None else line_of(error)
+    write_json(
+        RunResult(
+            **recorded,
+            metrics=measured,
+            states=states,
+            commands=commands,
+            **planned,
+            failure=failure,
+        )
+    )
     if error:
         click.get_current_context().exit(report_error(error))
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import click
 
@@ -13,10 +15,10 @@ from trunk_msgs_util.recording.reader import Recording
 from ..console.document import json_option, write_json
 from ..console.options import file_option
 from ..console.outputs import check_output
-from ..console.reading import run_values
 from ..console.terminal import show_warnings
 from ..errors import NotSignedError, PlanError
 from ..recorded.run import RecordedRun
+from ..replay.doubts import RecordingResult, about
 from ..replay.signing import (
     KeyFileError,
     SignatureError,
@@ -27,6 +29,14 @@ from ..replay.signing import (
     signature_path,
 )
 from ..replay.verify import VERIFIED, Verdict, verify
+
+
+class SignResult(RecordingResult, document="sign-1"):
+    """The document of ``trunk sign RUN``."""
+
+    signature: Annotated[Path, "The file"]
+    fingerprint: str
+    reasons: Annotated[Sequence[str], "Why it is not verified; empty if it is"]
 
 
 @click.command("sign")
@@ -45,7 +55,7 @@ from ..replay.verify import VERIFIED, Verdict, verify
 )
 @click.option("--force", is_flag=True, help="Replace a signature that exists.")
 @click.option("--unverified", is_flag=True, help="Sign even if trunk verify does not verify it.")
-@json_option("sign-1")
+@json_option(SignResult)
 def command(
     run: Path, key: Path, output: Path | None, force: bool, unverified: bool, as_json: bool
 ) -> None:
@@ -65,9 +75,10 @@ def command(
         part.write_text(sign(recording.digested, signer), encoding="ascii")
     signed_by = fingerprint(signer.public_key())
     if as_json:
-        values = {"signature": target, "fingerprint": signed_by}
-        judged = run_values(RecordedRun(recording), judged=verdict.word)
-        write_json("sign-1", {**judged, **values, "reasons": verdict.reasons})
+        subject = vars(about(RecordedRun(recording), judged=verdict.word))
+        write_json(
+            SignResult(**subject, signature=target, fingerprint=signed_by, reasons=verdict.reasons)
+        )
     else:
         click.echo(f"{target}: signed by {signed_by}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 from click.core import ParameterSource
@@ -17,13 +17,15 @@ from trunk_sim.simulation import DivergedError
 from ..console.document import json_option, write_json
 from ..console.outputs import check_output, default_name, output_options
 from ..console.plan_options import (
+    PlanResult,
+    about_plan,
     files_read,
     markers_option,
     plan_of,
     plan_options,
-    plan_values,
     push_option,
 )
+from ..console.reading import WrittenResult, about_written, open_run, show_written_doubts
 from ..console.terminal import line_of, report_error
 from ..errors import PlanError
 
@@ -33,6 +35,15 @@ if TYPE_CHECKING:
 
 
 _LONG = 100_000  # states, which take seconds
+
+
+class SimulateResult(PlanResult, WrittenResult, document="simulate-1"):
+    """The document of ``trunk simulate``."""
+
+    failure: Annotated[str | None, "Why the run ended before its end; null if it did not"]
+    same_bits: Annotated[
+        bool | None, "An experiment's run has the browser's numbers; null: nothing was compared"
+    ]
 
 
 @click.command("simulate")
@@ -46,7 +57,7 @@ _LONG = 100_000  # states, which take seconds
     metavar="RUN.mcap|EXPERIMENT.json",
     help="Repeat a recorded run, or an experiment saved in a browser; in place of SCENARIO.",
 )
-@json_option("simulate-1")
+@json_option(SimulateResult)
 def command(
     output: Path | None,
     force: bool,
@@ -59,8 +70,6 @@ def command(
 
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
     """
-    from ..console.reading import open_run, show_written_doubts, written_values
-
     if like is not None:
         _check_alone(click.get_current_context())
     inputs: list[str | Path] = [*files_read(options)]
@@ -87,8 +96,9 @@ def command(
     if as_json:
         failure = None if diverged is None else line_of(diverged)
         compared = experiment is not None and bool(experiment.sha256 or difference)
-        document = {**written_values(output), **plan_values(plan), "failure": failure}
-        write_json("simulate-1", {**document, "same_bits": not difference if compared else None})
+        same_bits = not difference if compared else None
+        written, planned = vars(about_written(output)), vars(about_plan(plan))
+        write_json(SimulateResult(**written, **planned, failure=failure, same_bits=same_bits))
     else:
         if difference:
             click.echo(f"DIFFERS: {difference}")

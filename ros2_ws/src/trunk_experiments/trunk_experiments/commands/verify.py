@@ -8,66 +8,26 @@ import click
 
 from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.units import seconds
 
 from ..console.document import json_option, write_json
 from ..console.options import file_option
 from ..console.progress import progress_bar
-from ..console.reading import reading, run_values
+from ..console.reading import reading
 from ..console.tables import print_table
 from ..errors import PlanError
 from ..recorded.run import RecordedRun
 from ..replay.doubts import refused, silence
 from ..replay.signing import judge_signature, public_key
-from ..replay.verdict import SignatureCheck
-from ..replay.verify import Check, Verdict, describe, verify
+from ..replay.verdict import CheckedPart, Verdict, Verification, verification
+from ..replay.verify import verify
 
 
-def as_values(verdict: Verdict) -> dict[str, object]:
-    """Return a verdict as plain values."""
-    return {
-        "verdict": verdict.word,
-        "extent": verdict.judged or None,
-        "parts": [
-            {
-                "name": part.name,
-                "result": part.result,
-                "steps_checked": part.steps,
-                "steps_diverging": part.wrong_steps,
-                "steps_not_judged": part.unjudged,
-                "reason": part.reason or None,
-                "from_s": None if part.from_ns is None else seconds(part.from_ns),
-                "until_s": None if part.until_ns is None else seconds(part.until_ns),
-                "first_divergence": [describe(d) for d in part.first],
-            }
-            for part in verdict.checks
-        ],
-        "altered": verdict.altered,
-        "contradictions": verdict.contradictions,
-        "obstacles": verdict.obstacles,
-        "not_judged": verdict.unjudged,
-        "notes": verdict.notes,
-        "signature": _signature_values(verdict.signature),
-    }
-
-
-def _row(check: Check) -> tuple[str, ...]:
-    """Return a check as a row: its name, its span in s, its steps and its result."""
-    span = ["" if ns is None else f"{seconds(ns):g} s" for ns in (check.from_ns, check.until_ns)]
-    result = f"{check.wrong_steps} diverge" if check.wrong_steps else check.result
-    return check.name, *span, str(check.steps), result
-
-
-def _signature_values(check: SignatureCheck | None) -> dict[str, object] | None:
-    if check is None:
-        return None
-    return {
-        "file": check.file,
-        "valid": not check.fault,
-        "trusted_key": check.trusted,
-        "fingerprint": check.fingerprint or None,
-        "fault": check.fault or None,
-    }
+def _row(part: CheckedPart) -> tuple[str, ...]:
+    """Return a part as a row: its name, its span in s, its steps and its result."""
+    span = ["" if t is None else f"{t:g} s" for t in (part.from_s, part.until_s)]
+    diverging = part.steps_diverging
+    result = f"{diverging} diverge" if diverging else part.result
+    return part.name, *span, str(part.steps_checked), result
 
 
 def judged(run: Path, key: Path | None, signature: Path | None) -> tuple[Recording, Verdict]:
@@ -99,7 +59,7 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> tuple[Recordi
     "--signature",
     help="The signature.  [default: RUN.sig, beside the recording]",
 )
-@json_option("verify-1")
+@json_option(Verification)
 @click.pass_context
 def command(
     ctx: click.Context, run: Path, key: Path | None, signature: Path | None, as_json: bool
@@ -110,32 +70,32 @@ def command(
     --key; 2: inconclusive, as something is missing. What no check covers is listed.
     """
     recording, verdict = judged(run, key, signature)
+    recorded = RecordedRun(recording)
+    result = verification(recorded, verdict)
     if as_json:
-        values = run_values(RecordedRun(recording), judged=verdict.word)
-        write_json("verify-1", {**values, **as_values(verdict)})
+        write_json(result)
         ctx.exit(verdict.exit_code)
-    run_of = RecordedRun(recording)
-    for line in filter(None, (silence(run_of), *refused(run_of))):
+    for line in filter(None, (silence(recorded), *refused(recorded))):
         click.echo(line)
-    click.echo(f"{run}: {verdict.word}")
-    if verdict.signature and (verdict.signature.trusted or verdict.signature.refuted):
-        click.echo(f"  {verdict.signature.describe()}")
-    for obstacle in verdict.obstacles:
+    click.echo(f"{run}: {result.verdict}")
+    if result.signature and (result.signature.trusted_key or result.signature.refuted):
+        click.echo(f"  {result.signature.describe()}")
+    for obstacle in result.obstacles:
         click.echo(f"  obstacle: {obstacle}")
-    if verdict.judged:
-        word = "recomputed all the same" if verdict.obstacles else "judged"
-        click.echo(f"  {word}: {verdict.judged}")
-    if verdict.checks:
-        print_table("checks", ("check", "from", "to", "steps", "result"), map(_row, verdict.checks))
-    for check in verdict.checks:
-        for difference in check.first:
-            click.echo(f"  {check.name}: first: {describe(difference)}")
-    for part in verdict.altered:
+    if result.extent:
+        word = "recomputed all the same" if result.obstacles else "judged"
+        click.echo(f"  {word}: {result.extent}")
+    if result.parts:
+        print_table("checks", ("check", "from", "to", "steps", "result"), map(_row, result.parts))
+    for checked in result.parts:
+        for difference in checked.first_divergence:
+            click.echo(f"  {checked.name}: first: {difference}")
+    for part in result.altered:
         click.echo(f"  altered: {part}: not as the recorder wrote it, by its digest")
-    for contradiction in verdict.contradictions:
+    for contradiction in result.contradictions:
         click.echo(f"  contradiction: {contradiction}")
-    for part in verdict.unjudged:
+    for part in result.not_judged:
         click.echo(f"  not judged: {part}")
-    for note in verdict.notes:
+    for note in result.notes:
         click.echo(f"  note: {note}")
     ctx.exit(verdict.exit_code)

@@ -12,7 +12,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import RecordingError
 
 from ..console.document import json_option
-from ..console.page import checked_host, page_options, serve, show_address
+from ..console.page import PageResult, checked_host, page_options, serve, show_address
 from ..gateway.process import GatewayProcess
 from ..recorded.run import RecordedRun
 from ..runs.node_processes import Interrupt
@@ -21,7 +21,7 @@ from ..runs.node_processes import Interrupt
 @click.command("watch")
 @click.argument("run", type=click.Path(path_type=Path))
 @page_options
-@json_option("page-1")
+@json_option(PageResult)
 def command(run: Path, host: str, port: int, url: str, browser: bool, as_json: bool) -> None:
     """Play the recording RUN in a browser, in the page of trunk live: seek, speed, loop."""
     host = checked_host(host, url)

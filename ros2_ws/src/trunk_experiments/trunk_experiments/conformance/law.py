@@ -23,7 +23,7 @@ from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 from traceback import extract_tb
 from types import FunctionType, ModuleType
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from trunk_control.controller import Controller
 from trunk_control.controller_config import ControllerConfig
@@ -46,16 +46,17 @@ from trunk_msgs_util.parameters.files import ParameterFileError, read
 from trunk_msgs_util.recording.reader import Recording
 
 from ..plans.plan import RunPlan, make_plan
+from ..results import OMITTED, Named
 
 
 class LawFinding(NamedTuple):
     """A breach of the contract by a law, or a note about it."""
 
-    check: str
-    function: str  # MODULE.FUNCTION
-    problem: str  # with the input that shows it
-    advice: str  # what to do
-    note: bool = False  # True: for information, nothing to fix
+    check: Annotated[str, OMITTED]
+    function: Annotated[str, "MODULE.FUNCTION"]
+    problem: Annotated[str, Named("what"), "With the input that shows it"]
+    advice: Annotated[str, "What to do"]
+    note: Annotated[bool, "To know, not to mend"] = False
 
     def line(self) -> str:
         """Return it as one line."""

@@ -1,40 +1,57 @@
-"""What a verb writes for programs: one JSON document on stdout, whose name has a version.
-
-The schemas are in ``schemas/NAME.json`` of this package; docs/metrics.md says what is promised.
-"""
+"""What a verb writes for programs: one JSON document on stdout, a `Result`; see docs/metrics.md."""
 
 from __future__ import annotations
 
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from math import isfinite, isnan
-from pathlib import Path
-from typing import Any, TextIO
+from pkgutil import resolve_name
+from typing import Annotated, Any, TextIO
 
 import click
 
 from trunk_msgs_util.streams import writer
 
+from ..results import Keyword, Result, document, schema
+
 OPTION = "--json"
-ERROR = "error-1"
 _STDOUT = 1
 _stream: ContextVar[TextIO | None] = ContextVar("document", default=None)
 
 
+class ErrorResult(Result, document="error-1"):
+    """Why there is no result: any verb."""
+
+    error: Annotated[str, "The line that is on stderr"]
+    exit_code: Annotated[int, "The process's", Keyword("minimum", 1)]
+
+
 class JsonOption(click.Option):
-    """``--json``; ``documents``: the names of what the verb then writes, besides `ERROR`."""
+    """``--json``; ``documents``: what the verb then writes, besides an `ErrorResult`."""
 
-    def __init__(self, *args: Any, documents: tuple[str, ...], **kwargs: Any) -> None:
+    def __init__(
+        self, *args: Any, documents: tuple[type[Result] | str, ...], **kwargs: Any
+    ) -> None:
         super().__init__(*args, **kwargs)
-        self.documents = documents
+        self._documents = documents
+
+    @property
+    def documents(self) -> tuple[type[Result], ...]:
+        """The documents' classes."""
+        return tuple(
+            resolve_name(f"trunk_experiments.{kind}") if isinstance(kind, str) else kind
+            for kind in self._documents
+        )
 
 
-def json_option(*documents: str) -> Callable[[Any], Any]:
-    """Return the option ``--json`` of a verb that then writes one of these documents."""
+def json_option(*documents: type[Result] | str) -> Callable[[Any], Any]:
+    """Return the option ``--json`` of a verb that then writes one of these documents.
+
+    Of a module that takes long to load, the class is named as ``study.limit:LimitResult``.
+    """
     return click.option(
         OPTION,
         "as_json",
@@ -51,10 +68,9 @@ def json_asked() -> bool:
     return OPTION in words[: words.index("--")] if "--" in words else OPTION in words
 
 
-def write_json(name: str, values: Mapping[str, object]) -> None:
-    """Print a document; ``name`` is its schema's, such as ``metrics-1``."""
-    document = {"schema": f"trunk/{name}", **values}
-    click.echo(json.dumps(plain(document), indent=2, allow_nan=False), file=_stream.get())
+def write_json(result: Result) -> None:
+    """Print a result's document."""
+    click.echo(json.dumps(document(result), indent=2, allow_nan=False), file=_stream.get())
 
 
 @contextmanager
@@ -94,24 +110,17 @@ def _moved(out: TextIO, err: TextIO) -> TextIO | None:
     return own
 
 
-def plain(value: object) -> object:
-    """Return a value as JSON has it: paths and the numbers that JSON lacks become strings.
-
-    NaN and the infinities are ``"NaN"``, ``"Infinity"`` and ``"-Infinity"``, as Python's ``float`` and
-    JavaScript's ``Number`` read them; None (null) only ever means that there is no value.
-    """
-    if isinstance(value, float) and not isfinite(value):
-        return "NaN" if isnan(value) else "Infinity" if value > 0.0 else "-Infinity"
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    return str(value) if isinstance(value, Path) else value
-
-
-def schemas() -> dict[str, Path]:
-    """Return the files of the shipped JSON Schemas by their names."""
-    from importlib.resources import files
-
-    folder = Path(str(files("trunk_experiments").joinpath("schemas")))
-    return {path.stem: path for path in sorted(folder.glob("*.json"))}
+def schemas(root: click.Command) -> dict[str, dict[str, object]]:
+    """Return the JSON Schemas of what a command and those below it write, by document."""
+    kinds: set[type[Result]] = {ErrorResult}
+    waiting = [(root, click.Context(root))]
+    while waiting:
+        command, context = waiting.pop()
+        for option in command.params:
+            kinds |= {*option.documents} if isinstance(option, JsonOption) else set()
+        if isinstance(command, click.Group):
+            for name in command.list_commands(context):
+                below = command.get_command(context, name)
+                if below is not None:
+                    waiting.append((below, click.Context(below, parent=context, info_name=name)))
+    return {kind.document: schema(kind) for kind in sorted(kinds, key=lambda kind: kind.document)}

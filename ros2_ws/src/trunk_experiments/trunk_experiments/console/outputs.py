@@ -9,16 +9,23 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
 from ..errors import PlanError
 from ..recorded.name import name_of_run
+from ..results import Result
 from .document import json_asked
 
 _STDOUT = (Path("/dev/stdout"), Path("/dev/fd/1"))
 FORCE = "Replace the file if it exists."
+
+
+class OutputResult(Result):
+    """What documents of verbs that write one file begin with."""
+
+    output: Annotated[Path, "The file that is written"]
 
 
 def output_options(text: str, required: bool = False, force: str = FORCE) -> Callable[[Any], Any]:

@@ -9,13 +9,14 @@ import time
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
 from ..errors import PlanError
 from ..gateway.access import origin_of
 from ..gateway.process import LOOPBACK, GatewayProcess
+from ..results import Result
 from ..runs.node_processes import Interrupt
 from .document import write_json
 
@@ -56,6 +57,14 @@ def page_options(function: Any) -> Any:
     return function
 
 
+class PageResult(Result, document="page-1"):
+    """The document of ``trunk live``, trunk watch."""
+
+    address: Annotated[str, "Of the page; of trunk live, to control the run"]
+    watch_address: Annotated[str, "Of the page, to watch only"]
+    recording: Annotated[Path | None, "Written, or played; null for a graph that was joined"]
+
+
 def checked_host(host: str, url: str) -> str:
     """Return the address to serve on.
 
@@ -91,10 +100,7 @@ def show_address(
     watch = gateway.address(gateway.tokens.watch)
     address = gateway.address(gateway.tokens.control) if controls else watch
     if as_json:
-        write_json(
-            "page-1",
-            {"address": address, "watch_address": watch, "recording": recording},
-        )
+        write_json(PageResult(address, watch, recording))
     click.echo(f"page: {address}")
     if controls:
         click.echo(f"to watch only: {watch}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import click
 from click.core import ParameterSource
@@ -12,6 +12,7 @@ from ..errors import PlanError
 from ..plans.files import checked_external
 from ..plans.nodes import CONTROLLERS, UNUSABLE
 from ..plans.plan import RunPlan, make_plan, parse_swap
+from ..results import Result
 from .options import FiniteRange, Function, Name, Number, names_or_files, parameter_files, scenarios
 from .terminal import show_warnings
 
@@ -206,14 +207,20 @@ def _check_no_controller(swaps: Sequence[str]) -> None:
         raise PlanError(f"--external: your own node gives the commands: leave out {option}")
 
 
-def plan_values(plan: RunPlan) -> dict[str, object]:
-    """Return a document's values of a plan; the duration is 0 for a run without an end."""
-    return {
-        "scenario": plan.scenario,
-        "controllers": list(plan.controllers),
-        "duration_s": plan.simulator.duration,
-        "update_rate_hz": plan.simulator.update_rate,
-    }
+class PlanResult(Result):
+    """What every document says about a plan."""
+
+    scenario: str
+    controllers: Annotated[tuple[str, ...], "All of the plan"]
+    duration_s: Annotated[float, "0: without an end"]
+    update_rate_hz: Annotated[float, "The simulator's"]
+
+
+def about_plan(plan: RunPlan) -> PlanResult:
+    """Return the facts about a plan that documents have."""
+    simulator = plan.simulator
+    names = tuple(plan.controllers)
+    return PlanResult(plan.scenario, names, simulator.duration, simulator.update_rate)
 
 
 def files_read(options: dict[str, Any]) -> list[str]:

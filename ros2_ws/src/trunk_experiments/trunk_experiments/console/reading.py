@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -15,15 +15,21 @@ from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import Recording
 
 from ..recorded.run import RecordedRun
+from ..replay.doubts import RecordingResult, about, doubts_of, incomplete
+from ..results import Count
 from .progress import Tell, progress_bar
 from .terminal import show_warnings
 
 if TYPE_CHECKING:
-    from ..replay.doubts import Doubts
     from ..views.run_view import RunView
 
-Values = dict[str, Any]  # of a document
 _LONG = 100e6  # bytes, which take seconds to read
+
+
+class WrittenResult(RecordingResult):
+    """What every document says about a recording just written."""
+
+    states: Annotated[Count | None, "Recorded states; null: no file to read"]
 
 
 def reading(path: Path, verb: str = "reading") -> AbstractContextManager[Tell]:
@@ -37,34 +43,17 @@ def open_run(path: Path, whole: bool = False) -> RecordedRun:
         return RecordedRun(Recording.open(path, tell, whole))
 
 
-def run_values(run: RecordedRun, doubts: Doubts | None = None, judged: str | None = None) -> Values:
-    """Return a document's values of a run: its file and its doubts.
-
-    Without ``doubts`` they are looked for here, without simulating a lock-step twin; null if unknown.
-    """
-    from ..replay.doubts import doubts_of
-
-    if doubts is None:
-        try:
-            doubts = doubts_of(run, twin=False, whole=run.recording.checked)
-        except TrunkError:  # messages that cannot be read
-            return {"file": run.path, "doubts": None}
-    return {"file": run.path, "doubts": doubts.as_values(judged)}
-
-
-def written_values(path: Path) -> Values:
-    """Return `run_values` of a recording just written, and its number of states; null if unknown."""
+def about_written(path: Path) -> WrittenResult:
+    """Return the doubts and the number of states of a recording just written; None if unknown."""
     if path.is_file():  # not a pipe, or /dev/null
         with suppress(TrunkError):
             run = RecordedRun(Recording.open_by_summary(path))
-            return {**run_values(run), "states": run.count(topics.GROUND_TRUTH)}
-    return {"file": path, "doubts": None, "states": None}
+            return WrittenResult(**vars(about(run)), states=run.count(topics.GROUND_TRUTH))
+    return WrittenResult(path, None, None)
 
 
 def show_written_doubts(path: Path) -> None:
     """Print what makes a newly written recording doubtful, as far as its events show it."""
-    from ..replay.doubts import doubts_of
-
     if path.is_file():
         with suppress(TrunkError):
             run = RecordedRun(Recording.open_by_summary(path))
@@ -81,8 +70,6 @@ def open_views(paths: Iterable[Path]) -> list[RunView]:
 
 def show_damage(run: RecordedRun, name: str = "") -> None:
     """Print to stderr that a run is not whole, then what is damaged; ``name`` begins each line."""
-    from ..replay.doubts import incomplete
-
     show_warnings(f"{name}{line}" for line in (*incomplete(run), *run.recording.further_warnings))
 
 

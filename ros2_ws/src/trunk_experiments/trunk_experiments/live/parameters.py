@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import yaml
 
@@ -30,7 +30,7 @@ class LiveChange(NamedTuple):
     name: str
     old: object
     new: object
-    fixed: bool  # can be set only at start
+    fixed: Annotated[bool, "Only at start"]
 
     def __str__(self) -> str:
         mark = " (fixed at start)" if self.fixed else ""

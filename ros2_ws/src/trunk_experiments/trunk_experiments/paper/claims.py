@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import isinf
+from typing import Final, Literal
 
 from ..analysis.metrics import SETTLING_BAND_DEG
 from .runs import CONTENDERS, Case, Runs
@@ -18,7 +19,10 @@ FALLEN = 90.0  # deg
 FUZZY = ("fuzzy_as_printed", "fuzzy_zhao_1993")
 PRINTED, TABLE_1 = "pid_as_printed", "pid_ziegler_nichols"
 _ABOVE = " above Fuzzy-PID's"
-REPRODUCED, PARTLY, NOT = "reproduced", "partly", "not reproduced"
+ClaimWord = Literal["reproduced", "partly", "not reproduced"]
+REPRODUCED: Final = "reproduced"
+PARTLY: Final = "partly"
+NOT: Final = "not reproduced"
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ class ClaimVerdict:
     checks: tuple[ClaimCheck, ...]
 
     @property
-    def word(self) -> str:
+    def word(self) -> ClaimWord:
         """``reproduced``, ``partly`` or ``not reproduced``."""
         held = sum(check.holds for check in self.checks)
         return REPRODUCED if held == len(self.checks) else PARTLY if held else NOT

@@ -8,7 +8,6 @@ import unicodedata
 from base64 import b64encode
 from collections import Counter
 from importlib.resources import files
-from math import isinf
 from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
@@ -17,14 +16,14 @@ from matplotlib.figure import Figure
 
 from trunk_msgs_util.files import atomic_write
 
-from ..analysis.metrics import missing
 from ..recorded.run import RecordedRun
+from ..results import number, plain
 from ..views.plots import paper_figure, save
 from ..views.report import make_report
 from ..views.report_page import write
 from ..views.run_view import RunView
 from .claims import PRINTED, TABLE_1
-from .reproduction import RATE_KEYS, Reproduction, Say, as_json
+from .reproduction import RATE_KEYS, Reproduction, Say, paper_numbers
 from .runs import CONTENDERS, FIGURES, OF_THE_PAPER, PROFILES, Case
 
 COLUMNS = {
@@ -50,7 +49,7 @@ def write_report(
 
     ``say`` is called with each next step. ``labs``: the folder has a lab of each figure.
     """
-    text = json.dumps(as_json(result), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(plain(paper_numbers(result)), indent=2, ensure_ascii=False, allow_nan=False)
     with atomic_write(folder / "paper.json") as part:
         part.write_text(text + "\n", encoding="utf-8")
     pictures = {}
@@ -60,7 +59,7 @@ def write_report(
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"number": _number, "formulas": formulas}
+    environment.filters |= {"number": number, "formulas": formulas}
     here = files(__package__)
     template = here.joinpath("report.html.j2").read_text(encoding="utf-8")
     page = environment.from_string(template).render(
@@ -156,7 +155,3 @@ def _mathml(formula: str) -> Markup:
             attribute = ' stretchy="false"' if text in "()[]" else ""
             row.append(Markup(f"<{tag}{attribute}>{{}}</{tag}>").format(text))
     return Markup("<math>{}</math>").format(Markup("").join(row))
-
-
-def _number(value: float | None, key: str) -> str:
-    return missing(key) if value is None or isinf(value) else f"{value:.5g}"

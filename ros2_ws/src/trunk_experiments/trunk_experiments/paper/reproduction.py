@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from math import isinf
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
+from ..analysis.metrics import Metrics
 from ..batch.compiled_run import Batch
 from ..plans.plan import make_plan
-from .claims import CLAIMS, ClaimVerdict, judge
+from ..results import Known, Result
+from .claims import CLAIMS, ClaimVerdict, ClaimWord, judge
 from .errata import ERRATA, Erratum, plain
 from .runs import (
     BASELINES,
@@ -36,7 +37,7 @@ class Reproduction:
     graph: Runs = field(default_factory=dict)  # of the paper's profile; empty: not requested
     errata: list[tuple[Erratum, bool, str]] = field(default_factory=list)
     rates: dict[str, dict[float, dict[str, float] | None]] = field(default_factory=dict)
-    literal: dict[str, dict[str, float] | None] = field(default_factory=dict)
+    literal: dict[str, Metrics | None] = field(default_factory=dict)
 
     def verdicts(self) -> list[tuple[ClaimVerdict, ClaimVerdict | None, ClaimVerdict]]:
         """Return each claim's verdict offline, in the graph, and offline in the practical profile."""
@@ -114,73 +115,127 @@ def literal_model() -> dict[str, Any]:
         for equations in ("plant_as_printed", "derived"):
             files = [*params, equations] if equations != "derived" else list(params)
             run = batch.run(make_plan("fig6", node, files, values)).metrics()
-            outcomes[f"{name}, {equations}"] = run and run.as_dict()
+            outcomes[f"{name}, {equations}"] = run
     return outcomes
 
 
-def as_json(result: Reproduction) -> dict[str, Any]:
-    """Return all numbers as JSON values; None for never and for infinity."""
+class ComparedValue(NamedTuple):
+    """One comparison ``value relation bound``, true or not; null: infinite."""
 
-    def number(value: float) -> float | None:
-        return None if isinf(value) else value
+    label: str
+    value: Known
+    relation: str
+    bound: Known
+    unit: str
+    holds: bool
 
-    def verdict(v: ClaimVerdict | None) -> Any:
-        return v and {
-            "verdict": v.word,
-            "text": v.text(),
-            "checks": [
-                {
-                    "label": c.label,
-                    "value": number(c.value),
-                    "relation": c.relation,
-                    "bound": number(c.bound),
-                    "unit": c.unit,
-                    "holds": c.holds,
-                }
-                for c in v.checks
-            ],
-        }
 
-    def run(r: PaperRun) -> Any:
-        return {
-            **r.case._asdict(),
-            "metrics": r.metrics and r.metrics.as_dict(),
-            "undershoot_deg": number(r.undershoot_deg),
-            **({"failure": r.failure} if r.failure else {}),
-        }
+class JudgedClaim(NamedTuple):
+    """What some runs say of a claim."""
 
-    return {
-        "runs": [run(r) for r in result.runs.values()],
-        "graph": [
-            {**run(r), "identical": r.graph_differs == "", "difference": r.graph_differs}
+    verdict: ClaimWord
+    text: str
+    checks: list[ComparedValue]
+
+
+class ClaimResult(NamedTuple):
+    """A claim of the paper, and what the runs say of it."""
+
+    key: str
+    figures: str
+    quote: str
+    paper: str
+    tolerance: str
+    offline: JudgedClaim
+    graph: JudgedClaim | None
+    practical: JudgedClaim
+
+
+class ErratumResult(NamedTuple):
+    """A misprint, and whether a computation shows it."""
+
+    where: str
+    printed: str
+    correct: str
+    shown: bool
+    computation: str
+
+
+class CaseResult(Result):
+    """A run of the paper."""
+
+    profile: str
+    figure: str
+    contender: str
+    metrics: Metrics | None
+    undershoot_deg: Known
+    failure: Annotated[str | None, "When the plant diverged; null: it did not"]
+
+
+class GraphResult(CaseResult):
+    """The same run in the graph."""
+
+    identical: Annotated[bool, "Its bits are those of the offline run"]
+    difference: str | None
+
+
+class PaperNumbers(Result):
+    """All numbers of a reproduction: the file ``paper.json``."""
+
+    runs: list[CaseResult]
+    graph: Annotated[list[GraphResult], "Empty without --graph"]
+    claims: list[ClaimResult]
+    errata: list[ErratumResult]
+    rates: Annotated[
+        Mapping[str, Mapping[str, Mapping[str, float | None] | None]],
+        "Metrics by figure and rate in Hz; null: diverged",
+    ]
+    equations_as_printed_fig6: Mapping[str, Metrics | None]
+
+
+class PaperPlace(Result):
+    """Where a reproduction is."""
+
+    folder: Path
+    report: Path
+
+
+class PaperResult(PaperNumbers, PaperPlace, document="paper-1"):
+    """The document of ``trunk paper``; the file paper.json is the same without schema, folder and report."""
+
+
+def paper_numbers(result: Reproduction) -> PaperNumbers:
+    """Return all numbers."""
+
+    def judged(v: ClaimVerdict) -> JudgedClaim:
+        checks = [
+            ComparedValue(c.label, c.value, c.relation, c.bound, c.unit, c.holds) for c in v.checks
+        ]
+        return JudgedClaim(v.word, v.text(), checks)
+
+    def run(r: PaperRun) -> CaseResult:
+        return CaseResult(*r.case, r.metrics, r.undershoot_deg, r.failure or None)
+
+    claims = []
+    for offline, graph, practical in result.verdicts():
+        c = offline.claim
+        of_graph = None if graph is None else judged(graph)
+        verdicts = judged(offline), of_graph, judged(practical)
+        claims.append(ClaimResult(c.key, c.figures, c.quote, c.paper, c.tolerance, *verdicts))
+    return PaperNumbers(
+        [run(r) for r in result.runs.values()],
+        [
+            GraphResult(**vars(run(r)), identical=r.graph_differs == "", difference=r.graph_differs)
             for r in result.graph.values()
         ],
-        "claims": [
-            {
-                "key": offline.claim.key,
-                "figures": offline.claim.figures,
-                "quote": offline.claim.quote,
-                "paper": offline.claim.paper,
-                "tolerance": offline.claim.tolerance,
-                "offline": verdict(offline),
-                "graph": verdict(graph),
-                "practical": verdict(practical),
-            }
-            for offline, graph, practical in result.verdicts()
-        ],
-        "errata": [
-            {
-                "where": e.where,
-                "printed": plain(e.printed),
-                "correct": plain(e.correct),
-                "shown": shown,
-                "computation": plain(text),
-            }
+        claims,
+        [
+            ErratumResult(e.where, plain(e.printed), plain(e.correct), shown, plain(text))
             for e, shown, text in result.errata
         ],
-        "rates": {
+        {
             figure: {f"{rate:g}": values for rate, values in by_rate.items()}
             for figure, by_rate in result.rates.items()
         },
-        "equations_as_printed_fig6": result.literal,
-    }
+        result.literal,
+    )

@@ -12,7 +12,7 @@ import numpy as np
 
 from trunk_sim.simulation import DivergedError
 
-from ..analysis.metrics import RunMetrics, metrics
+from ..analysis.metrics import Metrics, metrics
 from ..analysis.run_table import RunTable
 from ..plans.plan import RunPlan, make_plan
 from ..recorded.run import RecordedRun
@@ -84,7 +84,7 @@ class PaperRun:
     """The result of a case. ``metrics`` is None if the plant diverged; then ``failure`` says when."""
 
     case: Case
-    metrics: RunMetrics | None
+    metrics: Metrics | None
     undershoot_deg: float  # the swing back across the reference after the overshoot
     failure: str = ""
     graph_differs: str | None = None  # a graph run: "" if it has the offline run's bits

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 from trunk_control.laws import REGISTERED, LawError, law_named, package_of
 from trunk_control.reference import ReferenceConfig
 from trunk_msgs_util.parameters.config import RecorderConfig
-from trunk_msgs_util.parameters.declarations import listed
+from trunk_msgs_util.parameters.declarations import Value, listed
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 
@@ -68,6 +68,25 @@ def unknown_controllers(names: Iterable[str]) -> str:
     return "; ".join(
         [f"{', '.join(unknown)} {are} not known here: install the package that has it", *reasons]
     )
+
+
+class Parameter(NamedTuple):
+    """What a node declares about one parameter; numbers are in ``unit``, SI."""
+
+    type: str
+    default: Value
+    unit: str
+    allowed: str
+    description: str
+    fixed: Annotated[bool, "Only at start"]
+
+
+def parameters_of(node: str) -> dict[str, Parameter]:
+    """Return the declared parameters of a node, by name."""
+    return {
+        d.name: Parameter(d.kind, d.default, d.unit, d.allowed(), d.description, d.fixed)
+        for d in listed(NODES[node].config).values()
+    }
 
 
 def declared_names() -> dict[str, tuple[str, ...]]:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
@@ -40,9 +40,9 @@ OF, PARENT, AT, CHANGES = (
 class BranchOf(NamedTuple):
     """The run up to ``at`` s is the parent's; what follows was simulated, with these changes."""
 
-    parent: str
+    parent: Annotated[str, "The parent's file"]
     sha256: str
-    at: float
+    at: Annotated[float, "Where it branches, s; up to there it is its parent"]
     changes: str
 
     def describe(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from trunk_msgs_util.units import seconds
 ACTIVE_CONTROLLERS = "active controllers"
 MISSING = "missing"
 UNEXPECTED = "unexpected"
+CheckWord = Literal["verified", "diverges", "inconclusive", "taken as recorded"]
 
 
 class Difference(NamedTuple):
@@ -56,7 +57,7 @@ class Check:
     )  # steps before the first difference, the last one's stamp
 
     @property
-    def result(self) -> str:
+    def result(self) -> CheckWord:
         """The check's own verdict in a word."""
         if self.wrong_steps:
             return "diverges"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import zip_longest
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -48,13 +48,13 @@ _UNITS_OF_TERMS = {
 
 
 class FirstDifference(NamedTuple):
-    """Where two runs diverge: at this stamp, in this field. None means "missing"."""
+    """Where two runs diverge: at this stamp, in this field."""
 
     stamp_ns: int
     topic: str
     field: str
-    a: float | None
-    b: float | None
+    a: Annotated[float | None, "null: missing in the first"]
+    b: Annotated[float | None, "null: missing in the second"]
 
     def describe(self, same_plan: bool = True, hip: str = "hip") -> str:
         """Return the difference as one line: where, both values, how far apart.

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
 
@@ -19,8 +20,10 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.events import ENDS, Event, as_count
 from trunk_msgs_util.recording.topic import fields_of
-from trunk_msgs_util.source import ARRIVALS
+from trunk_msgs_util.source import ARRIVAL, ARRIVALS, NO_SOURCE
 from trunk_msgs_util.units import NANOSECONDS, seconds
+
+from ..results import OMITTED, Count, Result
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_table import Integers
@@ -34,32 +37,53 @@ LONGEST_TWIN = 200_000  # states that are simulated again to tell how far a run 
 _FAR_NS, _FAR_STEPS = NANOSECONDS, 100
 
 
+Word = Literal["verified", "diverges", "inconclusive", "not signed"]  # of a verdict
+
+
+class Beyond(NamedTuple):
+    """How a run without a fall ends beyond 90 degrees."""
+
+    angle_deg: Annotated[float, "The last true angle"]
+    fall_angle_deg: Annotated[float | None, "The fall angle in force"]
+
+
+class Late(NamedTuple):
+    """Steps of a real-time run that were made without the answer to their state."""
+
+    steps: Annotated[Count, "Late steps"]
+    of: Annotated[Count, "All steps"]
+    moved_deg: Annotated[float | None, "By how much at most the angle departs from lock-step"] = (
+        None
+    )
+
+
 @dataclass(frozen=True)
 class Doubts:
     """Why a run's numbers may not be what its plan gives."""
 
-    incomplete: str = ""  # why; empty for a complete recording
-    ends_at_s: float | None = None  # the last true state of an incomplete one; None: none is there
-    planned_s: float | None = None  # when it was to end; None: never, or not known
-    fell_at_s: float | None = None
+    complete: Annotated[bool, "The recorder finished the file and lost nothing"] = True
+    reason: Annotated[str | None, "Why it is not complete; null if it is"] = None
+    ends_at_s: Annotated[float | None, "The last true state of an incomplete run, if any"] = None
+    planned_s: Annotated[float | None, "When an incomplete run was to end, if ever"] = None
+    fell: Annotated[float | None, "Of the first fall, simulated s; null: none is recorded"] = None
     fell_angle_deg: float | None = None
-    late: int = 0
-    steps: int = 0
-    moved_deg: float | None = None  # the angle, at most, by what was late; None if not known
-    leans_deg: float | None = (
-        None  # the last angle, beyond 90 degrees although no fall is on record
+    beyond_90: Annotated[Beyond | None, "A run without a fall that ends beyond 90 degrees"] = None
+    silent: Annotated[str | None, "That nobody's command held the trunk, or none at its end"] = None
+    refused: Annotated[tuple[str, ...], "Messages not used, or not as meant: a line each"] = ()
+    late: Annotated[Late | None, "null: time was exact, or the file was not read as a whole"] = None
+    judged: Annotated[Word | None, "The verdict, where this verb recomputed the run; else null"] = (
+        None
     )
-    limit_deg: float | None = None  # the fall angle in force then
-    refused: tuple[
-        str, ...
-    ] = ()  # messages that were not used, or not as they were meant: a line each
-    external: bool = False  # somebody else's node gave the commands
-    silent: str = ""  # that nobody held the trunk, or not to the end; a line
+    external: Annotated[bool, OMITTED] = False  # somebody else's node gave the commands
 
     def __bool__(self) -> bool:
-        fell = self.fell_at_s is not None or self.leans_deg is not None
-        said = self.silent or self.incomplete or self.refused
-        return bool(said or fell or self.late or self.moved_deg)
+        fell = self.fell is not None or self.beyond_90 is not None
+        return bool(self.silent or self.reason or self.refused or fell or self._behind)
+
+    @property
+    def _behind(self) -> bool:
+        """True if steps were late, or moved."""
+        return self.late is not None and bool(self.late.steps or self.late.moved_deg)
 
     @property
     def until(self) -> str:
@@ -73,54 +97,53 @@ class Doubts:
     def lines(self) -> list[str]:
         """A line for each doubt."""
         lines = [self.silent] if self.silent else []
-        if self.incomplete:
+        if self.reason is not None:
             until = f"; {self.until}" if self.until else ""
-            lines.append(f"INCOMPLETE: {self.incomplete}{until}")
-        if self.fell_at_s is not None:
+            lines.append(f"INCOMPLETE: {self.reason}{until}")
+        if self.fell is not None:
             angle = "" if self.fell_angle_deg is None else f", {self.fell_angle_deg:.0f} degrees"
-            lines.append(f"FELL: at t = {self.fell_at_s:g} s{angle}")
-        if self.leans_deg is not None:
-            limit = (
-                ""
-                if self.limit_deg is None
-                else f", but fall.angle is {self.limit_deg:.3g} degrees"
-            )
-            lines.append(f"BEYOND 90 degrees: it ends at {self.leans_deg:.0f} degrees{limit}")
+            lines.append(f"FELL: at t = {self.fell:g} s{angle}")
+        if self.beyond_90 is not None:
+            angle_deg, fall_deg = self.beyond_90
+            limit = "" if fall_deg is None else f", but fall.angle is {fall_deg:.3g} degrees"
+            lines.append(f"BEYOND 90 degrees: it ends at {angle_deg:.0f} degrees{limit}")
         lines += self.refused
-        if self.late or self.moved_deg:
+        if self.late is not None and self._behind:
+            steps, of, moved_deg = self.late
             moved = ""
-            if self.moved_deg is not None:
-                moved = f"; in lock-step the angle differs by up to {self.moved_deg:.3g} degrees"
+            if moved_deg is not None:
+                moved = f"; in lock-step the angle differs by up to {moved_deg:.3g} degrees"
             slow = (
                 "the machine or your node was too slow"
                 if self.external
                 else "the machine was too busy"
             )
             lines.append(
-                f"LATE: {slow}, {self.late} of {self.steps} steps late{moved}: "
-                "--lockstep gives the exact run"
+                f"LATE: {slow}, {steps} of {of} steps late{moved}: --lockstep gives the exact run"
             )
         return lines
 
-    def as_values(self, judged: str | None = None) -> dict[str, object]:
-        """Return plain values, for JSON; ``judged``: the verdict, if the run has been recomputed."""
-        return {
-            "complete": not self.incomplete,
-            "reason": self.incomplete or None,
-            "ends_at_s": self.ends_at_s,
-            "planned_s": self.planned_s,
-            "fell": self.fell_at_s,
-            "fell_angle_deg": self.fell_angle_deg,
-            "beyond_90": None
-            if self.leans_deg is None
-            else {"angle_deg": self.leans_deg, "fall_angle_deg": self.limit_deg},
-            "silent": self.silent or None,
-            "refused": list(self.refused),
-            "late": {"steps": self.late, "of": self.steps, "moved_deg": self.moved_deg}
-            if self.steps
-            else None,
-            "judged": judged,
-        }
+
+class RecordingResult(Result):
+    """What every document says about a recording."""
+
+    file: Annotated[Path, "The recording"]
+    doubts: Annotated[Doubts | None, "null: it cannot be read"]
+
+
+def about(
+    run: RecordedRun, doubts: Doubts | None = None, judged: Word | None = None
+) -> RecordingResult:
+    """Return a run's file and its doubts; ``judged``: the verdict, if the run has been recomputed.
+
+    Without ``doubts`` they are looked for here, without simulating a lock-step twin; None if unknown.
+    """
+    if doubts is None:
+        try:
+            doubts = doubts_of(run, twin=False, whole=run.recording.checked)
+        except TrunkError:  # messages that cannot be read
+            return RecordingResult(run.path, None)
+    return RecordingResult(run.path, replace(doubts, judged=judged))
 
 
 def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts:
@@ -139,23 +162,20 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
             angle = None
     late = None
     if whole and (run.real_time or run.count(topics.PLANT_INPUTS)):
-        from .late import late_steps  # with the plant, which an exact run's doubts need not load
-
         # Messages or parameters that cannot be read are reported elsewhere.
         with suppress(TrunkError):
             late = late_steps(run)
-    moved = moved_deg(run) if twin and late is not None else None
+    if twin and late is not None:
+        late = late._replace(moved_deg=moved_deg(run))
     return Doubts(
-        *_incomplete(run),
+        *_completeness(run),
         None if fall is None else seconds(fall.stamp_ns),
         angle,
-        late.late if late else 0,
-        late.steps if late else 0,
-        moved,
-        *(_leans(run) if whole and fall is None else (None, None)),
+        _beyond(run) if whole and fall is None else None,
+        silence(run) or None,
         tuple(refused(run, whole)),
-        bool(run.external),
-        silence(run),
+        late if late and late.of else None,
+        external=bool(run.external),
     )
 
 
@@ -282,34 +302,34 @@ def silence(run: RecordedRun) -> str:
     return f"SILENT: {who} {gave}{after} ({commanded} of {steps} steps)"
 
 
-def _leans(run: RecordedRun) -> tuple[float | None, float | None]:
-    """Return the last true angle if it is beyond 90 degrees, and the fall angle in force, in degrees."""
+def _beyond(run: RecordedRun) -> Beyond | None:
+    """Return the last true angle if it is beyond 90 degrees, and the fall angle in force; else None."""
     if not run.count(topics.GROUND_TRUTH):
-        return None, None
+        return None
     try:
         column = ("position", run.joint_names(topics.GROUND_TRUTH)[1])
         truth = run.series({topics.GROUND_TRUTH: [column]})[topics.GROUND_TRUTH]
         angle = degrees(float(truth.column(*column)[-1]))
         if abs(angle) <= 90.0:
-            return None, None
+            return None
         timeline = run.timeline("simulator")
         timeline.advance(int(truth.stamp_ns[-1]) + 1)
         limit = degrees(timeline.config.fall_angle)
     except (TrunkError, KeyError, IndexError):
-        return None, None
-    return angle, limit
+        return None
+    return Beyond(angle, limit)
 
 
 def incomplete(run: RecordedRun) -> list[str]:
     """Return a line on why a run is not whole and where it ends; none for a whole one."""
-    return Doubts(*_incomplete(run)).lines
+    return Doubts(*_completeness(run)).lines
 
 
-def _incomplete(run: RecordedRun) -> tuple[str, float | None, float | None]:
-    """Return why a run is not whole, where it ends and where it was to end, in s."""
+def _completeness(run: RecordedRun) -> tuple[bool, str | None, float | None, float | None]:
+    """Return whether a run is whole; if not, why, where it ends and where it was to end, in s."""
     recording = run.recording
     if recording.complete:
-        return "", None, None
+        return True, None, None, None
     end = recording.end or {}
     if end.get("complete") == "true":  # as far as the recorder knew
         reason = recording.damage[0]
@@ -320,16 +340,61 @@ def _incomplete(run: RecordedRun) -> tuple[str, float | None, float | None]:
     last_s = None if last_ns is None else seconds(last_ns)
     planned_s = run.parameters.get("simulator", {}).get("duration")
     if not isinstance(planned_s, float) or planned_s <= 0.0:
-        return reason, last_s, None
+        return False, reason, last_s, None
     if last_s is not None and last_s > planned_s:  # another simulator's: our end is not known
         last_s = None
-    return reason, last_s, planned_s
+    return False, reason, last_s, planned_s
 
 
 def _unfinished(recording: Recording) -> str:
     """Return why a file that gives no reason is not whole; another program may have recorded it."""
     stranger = recording.unfinished.startswith("recorded by")
     return recording.unfinished if stranger else "the recorder did not finish this file"
+
+
+def late_steps(run: RecordedRun, since_ns: int = 0) -> Late | None:
+    """Return how many steps were made without the answer to their state; None where time was exact.
+
+    A step is in time if the command in force answers its state or, where a controller answers only some
+    states, the last of those; and if the disturbance in force is that of its state. Both are on record.
+    A node of somebody else's that answers fewer states than there are has a rate of its own: it may be one
+    state off. A command without a state's stamp is neither late nor in time.
+    """
+    copy = bool(run.exact and run.count(topics.PLANT_INPUTS))  # of a real-time run: without sources
+    if not (run.real_time or copy) or "simulator" not in run.parameters:
+        return None
+    from ..recorded.inputs import RecordedInputs  # with the plant: an exact run needs none
+
+    stamps = np.unique(run.table(topics.GROUND_TRUTH).stamp_ns)[:-1]
+    stamps = stamps[stamps >= since_ns]
+    inputs = RecordedInputs(run, stamps)
+    force = inputs.over(slice(None))
+    periods = {name: run.config(name).period_ns for name in run.judgeable}
+    if copy and not run.external:
+        periods[NO_SOURCE] = max(periods.values(), default=0)
+    step_ns = run.config("simulator").period_ns
+    every_ns = [
+        _usual_gap_ns(run, step_ns)
+        if name == NO_SOURCE and name not in periods
+        else max(periods.get(name.partition("@")[0], 0), step_ns)
+        for name in inputs.sources
+    ]
+    age_ns = stamps - force.command_ns
+    late = (force.command_ns < 0) | (age_ns >= np.array(every_ns)[force.command_source])
+    if run.external:
+        late &= np.array([name != ARRIVAL for name in inputs.sources])[force.command_source]
+        late &= (force.command_ns >= 0).any()
+    if run.count(topics.DISTURBANCE):
+        late |= force.disturbance_ns != stamps
+    return Late(int(np.count_nonzero(late)), len(stamps))
+
+
+def _usual_gap_ns(run: RecordedRun, step_ns: int) -> int:
+    """Return how old a stranger's command may be before it is late, ns, by the states that it answered."""
+    stamps = np.unique(run.table(topics.EFFORT_COMMAND).stamp_ns)
+    gaps = np.diff(stamps[(stamps >= 0) & (stamps % step_ns == 0)]) // step_ns
+    usual = int(np.bincount(np.minimum(gaps, 10_000)).argmax()) if len(gaps) else 1
+    return step_ns if usual <= 1 else (usual + 1) * step_ns
 
 
 def moved_deg(run: RecordedRun) -> float | None:

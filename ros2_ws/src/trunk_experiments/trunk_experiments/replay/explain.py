@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from math import isclose
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import transfer_limits
@@ -27,7 +26,9 @@ from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS, unknown_controllers
 from ..recorded.run import RecordedRun
 from ..recorded.turns import recorded_turns
+from ..results import ALSO, As, Keyword, known
 from .checks import same
+from .doubts import RecordingResult, about
 from .rerun import Rerun
 from .verify import robot_obstacles
 
@@ -60,66 +61,66 @@ class Windup(NamedTuple):
     after: float
 
     @property
-    def acted(self) -> bool:
+    def acted(self) -> Annotated[bool, ALSO]:
         """True if anti-windup changed the integral after the command was computed."""
         return not same(self.after, self.used)
 
 
-@dataclass(frozen=True)
-class Explanation:
-    """One update: its inputs, each term, its output. SI units and radians."""
+def _flat(rules: Sequence[Rule]) -> list[dict[str, str | float]]:
+    """Return rules as JSON has them: ``kp_label``, ``kp`` and so on for each output."""
+    flat: list[dict[str, str | float]] = []
+    for error, rate, weight, consequents in rules:
+        named: dict[str, str | float] = {"error_label": error, "rate_label": rate, "weight": weight}
+        for c in consequents:
+            named |= {f"{c.output}_label": c.label, c.output: c.value}
+        flat.append(named)
+    return flat
 
-    asked: float  # s
-    update: float  # s, when the command in force then was computed
+
+_RULE = Keyword("required", ("error_label", "rate_label", "weight"))
+_RULES = As(list[Annotated[Mapping[str, str | float], _RULE]], _flat)
+_LIMITS = As(tuple[float | None, float | None], lambda limits: tuple(map(known, limits)))
+_TERMS = As(
+    Annotated[Mapping[str, float | bool], Keyword("required", ("unsaturated", "effort", "held"))],
+    lambda terms: terms._asdict(),
+)
+
+
+class Explanation(RecordingResult, document="explain-1"):
+    """The document of ``trunk explain``: one update of a controller, its inputs, each term, its output.
+
+    SI units and radians.
+    """
+
+    asked_s: float
+    update_s: Annotated[float, "When the command in force was computed"]
     controller: str
-    reference: float
-    measurement: float  # rad, as the controller saw it
-    rate: float  # rad/s, as measured
+    reference: Annotated[float, "rad"]
+    measurement: Annotated[float, "rad, as the controller saw it"]
+    rate: Annotated[float, "rad/s, as measured"]
+    true_angle: Annotated[float | None, "rad; null on another robot"]
     derivative_mode: str
-    terms: LawTerms
-    units: Mapping[str, str]  # of the terms
-    rules: tuple[Rule, ...]  # none for a plain PID
-    changed: Mapping[str, str]  # rule tables that are not the default ones: which cells
-    limits: tuple[float, float]  # N m, in force at the update
-    handing_over: (
-        bool  # True: the limits are narrowed around the torque that acted (handover.max_step)
-    )
-    windup: Windup | None  # None: the law is not of the PID's kind
-    disturbance: Disturbance  # acting at the update, with what an operator does
-    true_angle: float | None  # rad; None on a robot that is not ours
-    took_over: bool  # True: a takeover while the plant moved, from the torque that acted
-    recorded: float  # N m, the command in the recording
-    applied: float | None  # N m, to the plant over the step that begins then; None likewise
-    arithmetic: str  # in which it was recorded; empty: not known
-
-    @property
-    def by_model(self) -> float:
-        """What a law adds from its model of the plant to P, I and D, in N m; 0 for a PID."""
-        terms = self.terms
-        if not isinstance(terms, Terms):
-            return 0.0
-        return terms.unsaturated - (terms.p_term + terms.i_term + terms.d_term)
+    disturbance: Annotated[Disturbance, "N, N m, m, rad; with what an operator does"]
+    rules: Annotated[tuple[Rule, ...], _RULES, "That fired; empty for a law without"]
+    changed_tables: Annotated[Mapping[str, str], "Cells of rule tables that are not the defaults"]
+    terms: Annotated[LawTerms, _TERMS, "As the law names them on ~/state; effort: after the limits"]
+    units: Annotated[Mapping[str, str], "Of the terms"]
+    by_model: Annotated[float, "N m, what a law adds from its model of the plant to P, I and D"]
+    limits: Annotated[tuple[float, float], _LIMITS, "N m, in force at the update; null: none"]
+    limited: Annotated[bool, "The limits changed the command"]
+    handing_over: Annotated[bool, "The limits are a handover's, around the torque that acted"]
+    anti_windup: Annotated[Windup | None, "rad s; null: the law is not of the PID's kind"]
+    took_over: Annotated[bool, "While the plant moved, from the torque that acted"]
+    recorded: Annotated[float, "The recorded command, N m"]
+    agrees: Annotated[bool, "It equals the recomputed one, bit for bit"]
+    arithmetic: Annotated[str | None, "In which it was recorded; null: not known"]
+    rounded_otherwise: Annotated[bool, "The other arithmetic can explain the difference"]
+    applied: Annotated[float | None, "N m, over the step that begins then; null: not known"]
 
     @property
     def error(self) -> float:
         """Reference minus measurement, in rad."""
         return self.reference - self.measurement
-
-    @property
-    def limited(self) -> bool:
-        """True where the limits changed the command."""
-        return not same(self.terms.unsaturated, self.terms.effort)
-
-    @property
-    def agrees(self) -> bool:
-        """True if the recomputed command equals the recorded one bit by bit."""
-        return same(self.terms.effort, self.recorded)
-
-    @property
-    def rounded_otherwise(self) -> bool:
-        """True if the run was recorded in another arithmetic, and that can explain the difference."""
-        near = isclose(self.terms.effort, self.recorded, rel_tol=1e-9, abs_tol=1e-9)
-        return near and not self.agrees and self.arithmetic != ARITHMETIC
 
 
 class _Update(NamedTuple):
@@ -188,9 +189,16 @@ def _explain(run: RecordedRun, at: float) -> Explanation:
     updated = seconds(update.stamp_ns - run.begin_ns)
     at_update = max(0, int((table.t <= updated).sum()) - 1)
     terms, config = update.terms, update.config
+    recorded = commands.get(update.stamp_ns, "effort", 1)[0]
+    agrees = same(terms.effort, recorded)
+    near = isclose(terms.effort, recorded, rel_tol=1e-9, abs_tol=1e-9)
+    by_model = 0.0
+    if isinstance(terms, Terms):
+        by_model = terms.unsaturated - (terms.p_term + terms.i_term + terms.d_term)
     return Explanation(
-        asked=at,
-        update=updated,
+        **vars(about(run)),
+        asked_s=at,
+        update_s=updated,
         controller=name,
         reference=update.reference,
         measurement=update.measurement,
@@ -199,19 +207,22 @@ def _explain(run: RecordedRun, at: float) -> Explanation:
         terms=terms,
         units=law_named(name).units,
         rules=_rules(terms, config) if isinstance(config, RuleBaseConfig) else (),
-        changed=_changed_tables(config) if isinstance(config, RuleBaseConfig) else {},
+        changed_tables=_changed_tables(config) if isinstance(config, RuleBaseConfig) else {},
+        by_model=by_model,
         limits=(update.law.u_min, update.law.u_max),
+        limited=not same(terms.unsaturated, terms.effort),
         handing_over=update.handing_over,
-        windup=_windup(update) if isinstance(terms, Terms) else None,
+        anti_windup=_windup(update) if isinstance(terms, Terms) else None,
         disturbance=with_operator(
-            rerun.acting_at(update.stamp_ns),
-            run.operated.at(update.stamp_ns),
+            rerun.acting_at(update.stamp_ns), run.operated.at(update.stamp_ns)
         ),
         true_angle=float(table.theta[at_update]) if ours else None,
         took_over=update.took_over,
-        recorded=commands.get(update.stamp_ns, "effort", 1)[0],
+        recorded=recorded,
+        agrees=agrees,
+        arithmetic=run.arithmetic or None,
+        rounded_otherwise=near and not agrees and run.arithmetic != ARITHMETIC,
         applied=float(table.torque[row]) if ours else None,
-        arithmetic=run.arithmetic,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -16,23 +16,34 @@ from trunk_sim.disturbances import Disturbance
 from ..analysis.run_table import RunTable
 from ..recorded.inputs import RecordedInputs
 from ..recorded.run import RecordedRun
+from ..results import OMITTED, As, Known, known
+from .doubts import RecordingResult, about
 
 
-@dataclass(frozen=True)
-class ExternalCommand:
-    """The command in force at a time, and what it answers. SI units and radians; NaN: not on record."""
+def _known(terms: Mapping[str, float]) -> dict[str, float | None]:
+    return {name: known(value) for name, value in terms.items()}
 
-    asked: float  # s
-    controller: str
-    command: float | None  # N m; None: none was in force
-    answers: float | None  # s, the state that it answers; None: it acts from its arrival
-    arrived: bool  # True: its stamp is no state's
-    reference: float
-    measurement: float
-    true_angle: float
-    disturbance: Disturbance
-    applied: float  # N m, to the plant over the step that begins then
-    terms: Mapping[str, float]  # that the node published itself, by its own names
+
+_TERMS = As(Mapping[str, float | None], _known)
+
+
+class ExternalCommand(RecordingResult, document="explain-external-1"):
+    """The document of ``trunk explain``, of somebody else's controller: a command, and what it answers.
+
+    SI units and radians; NaN: not on record.
+    """
+
+    asked_s: float
+    controller: Annotated[str, "What the run goes by"]
+    command: Annotated[float | None, "N m; null: none was in force"]
+    answers_s: Annotated[float | None, "The state that it answers; null: it acts from its arrival"]
+    arrived: Annotated[bool, OMITTED]  # True: its stamp is no state's
+    reference: Annotated[Known, "rad"]
+    measurement: Annotated[Known, "rad"]
+    true_angle: Annotated[Known, "rad"]
+    disturbance: Annotated[Disturbance, "N, N m, m, rad"]
+    applied: Annotated[Known, "N m, to the plant over the step that begins then"]
+    terms: Annotated[Mapping[str, float], _TERMS, "By the node's own names; empty: none"]
 
 
 def external_command(run: RecordedRun, at: float) -> ExternalCommand:
@@ -50,10 +61,11 @@ def external_command(run: RecordedRun, at: float) -> ExternalCommand:
     command_ns = int(force.command_ns[0])
     arrived = inputs.sources[int(force.command_source[0])] == ARRIVAL
     return ExternalCommand(
-        asked=at,
+        **vars(about(run)),
+        asked_s=at,
         controller=run.external,
         command=float(force.command[0]) if command_ns >= 0 else None,
-        answers=None if arrived or command_ns < 0 else seconds(command_ns),
+        answers_s=None if arrived or command_ns < 0 else seconds(command_ns),
         arrived=arrived,
         reference=float(table.reference[row]),
         measurement=float(table.theta_measured[row]),

@@ -28,7 +28,7 @@ from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import check_rates
 from ..recorded.processes import Process, is_whole
 from ..recorded.turns import idle_ns
-from .late import late_steps
+from .doubts import late_steps
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_table import Integers
@@ -287,9 +287,9 @@ def _branch(run: RecordedRun) -> Iterator[str]:
     """Yield that a branch of a real-time run has late steps where it is simulated."""
     since_ns = nanoseconds(run.branch.at) if run.branch else 0
     late = late_steps(run, since_ns) if run.branch else None
-    if late is not None and late.late:
+    if late is not None and late.steps:
         yield (
-            f"{late.late} of {late.steps} steps from t = {seconds(since_ns):g} s on are late; "
+            f"{late.steps} of {late.of} steps from t = {seconds(since_ns):g} s on are late; "
             "a branch answers every state at once"
         )
 

@@ -171,9 +171,10 @@ def judge_signature(
             fault = f"the content is not what {whose} signed in {file}"
     except SignatureError as error:
         fault = f"{file}: {error}"
-    trusted = key_name if key else None
-    signed_by = fingerprint(signer) if signer else ""
-    check = verdict.signature = SignatureCheck(str(file), trusted, signed_by, fault, other_content)
+    signed_by = fingerprint(signer) if signer else None
+    check = verdict.signature = SignatureCheck(
+        str(file), not fault, key_name if key else None, signed_by, fault or None, other_content
+    )
     if fault and not check.refuted:
         verdict.obstacles.append(
             f"{fault}: the signature cannot be judged; sign again, or move it away"

@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from .checks import Check, describe
+from trunk_msgs_util.text import printable
+from trunk_msgs_util.units import seconds
 
-__all__ = ["DIVERGES", "UNJUDGED", "VERIFIED", "Check", "SignatureCheck", "Verdict"]
+from ..results import OMITTED, Count, html_table
+from .checks import Check, CheckWord, describe
+from .doubts import RecordingResult, Word, about
+
+if TYPE_CHECKING:
+    from ..recorded.run import RecordedRun
+
+__all__ = [
+    "DIVERGES",
+    "UNJUDGED",
+    "VERIFIED",
+    "Check",
+    "SignatureCheck",
+    "Verdict",
+    "Verification",
+    "verification",
+]
 
 VERIFIED, DIVERGES, UNJUDGED = 0, 1, 2
-NOT_SIGNED = "not signed"  # the verdict's word if nothing else is wrong
 _ORIGIN = "the origin (scenario, commit, host, time): covered by"
 ORIGIN = f"{_ORIGIN} digests alone"
 ORIGIN_SIGNED = f"{_ORIGIN} digests and the signature; the signer vouches for it"
@@ -17,27 +35,26 @@ ORIGIN_SIGNED = f"{_ORIGIN} digests and the signature; the signer vouches for it
 
 @dataclass(frozen=True)
 class SignatureCheck:
-    """Whether a signature is of this content, and by the key that was asked for.
-
-    ``trusted``: the name of that key's file; None: any key will do. ``fingerprint``: of the trusted key,
-    or else of the signature's; empty if neither is known. ``fault``: why it does not count; empty: it does.
-    """
+    """Whether a signature is of this content, and by the key that was asked for."""
 
     file: str
-    trusted: str | None
-    fingerprint: str
-    fault: str = ""
-    other_content: bool = False  # a whole signature, by the right key, but of something else
+    valid: bool
+    trusted_key: Annotated[str | None, "The name of that key's file; null: any key will do"]
+    fingerprint: Annotated[str | None, "Of the trusted key, or else of the signature's"]
+    fault: Annotated[str | None, "Why it does not count"] = None
+    other_content: Annotated[bool, OMITTED] = (
+        False  # whole, by the right key, but of something else
+    )
 
     @property
     def refuted(self) -> bool:
         """True if the signature is of other content, or does not count although a key was given."""
-        return bool(self.fault) and (self.other_content or self.trusted is not None)
+        return not self.valid and (self.other_content or self.trusted_key is not None)
 
     def describe(self) -> str:
         """Return the finding as one line."""
-        if self.trusted is not None:
-            who = f"{self.fingerprint} ({self.trusted})"
+        if self.trusted_key is not None:
+            who = f"{self.fingerprint} ({self.trusted_key})"
             return f"not signed by {who}: {self.fault}" if self.fault else f"signed by {who}"
         if self.fault:
             return f"signature: {self.fault}"
@@ -80,11 +97,12 @@ class Verdict:
         return bool(differs or (self.signature and self.signature.other_content))
 
     @property
-    def word(self) -> str:
+    def word(self) -> Word:
         """The verdict in a word or two."""
         if self.exit_code == DIVERGES and not self.diverges:
-            return NOT_SIGNED
-        return ("verified", "diverges", "inconclusive")[self.exit_code]
+            return "not signed"
+        words: tuple[Word, ...] = ("verified", "diverges", "inconclusive")
+        return words[self.exit_code]
 
     @property
     def reasons(self) -> list[str]:
@@ -96,3 +114,91 @@ class Verdict:
             *(f"{check.name}: {describe(check.first[0])}" for check in self.checks if check.first),
             *([self.signature.describe()] if self.signature and self.signature.refuted else []),
         ]
+
+
+class CheckedPart(NamedTuple):
+    """One kind of recomputation."""
+
+    name: str
+    result: CheckWord
+    steps_checked: Count
+    steps_diverging: Count
+    steps_not_judged: Count
+    reason: Annotated[str | None, "Why it is inconclusive"]
+    from_s: float | None
+    until_s: float | None
+    first_divergence: Annotated[Sequence[str], "Topic, stamp, both values, distance in ULPs"]
+
+
+class Verification(RecordingResult, document="verify-1"):
+    """What recomputing a recording found: the document of ``trunk verify``.
+
+    Made by `verify`. ``reasons``: why it is not verified, one line each; empty if it is.
+    """
+
+    verdict: Word
+    extent: Annotated[str | None, "What was judged, in a few words"]
+    parts: Annotated[tuple[CheckedPart, ...], "What was recomputed"]
+    altered: Annotated[Sequence[str], "What is not as the recorder wrote it, by its digests"]
+    contradictions: Annotated[Sequence[str], "Where two parts of the recording do not agree"]
+    obstacles: Annotated[Sequence[str], "Why the run cannot be judged as a whole"]
+    not_judged: Annotated[Sequence[str], "What no check looks at"]
+    notes: Annotated[Sequence[str], "What else there is to know"]
+    signature: Annotated[SignatureCheck | None, "null: neither asked for nor there"]
+    reasons: Annotated[Sequence[str], OMITTED]
+
+    @property
+    def verified(self) -> bool:
+        """True if every command and, where time was exact, every state follows, bit by bit."""
+        return self.verdict == "verified"
+
+    @property
+    def steps(self) -> int:
+        """How many steps were recomputed, of all kinds."""
+        return sum(part.steps_checked for part in self.parts)
+
+    def __repr__(self) -> str:
+        summary = [self.verdict, *([self.extent] if self.extent else []), *self.reasons]
+        return printable(f"Verification({'; '.join(summary)})")
+
+    def _repr_html_(self) -> str:
+        rows = [("judged", self.extent)] if self.extent else []
+        rows += [
+            (p.name, f"{p.steps_checked} steps, {p.steps_diverging or 'none'} diverging")
+            for p in self.parts
+        ]
+        rows += [("reason", line) for line in self.reasons]
+        rows += [("not judged", line) for line in self.not_judged]
+        rows += [("note", line) for line in self.notes]
+        return html_table(f"Verification: {self.verdict}", ("", ""), rows)
+
+
+def verification(run: RecordedRun, verdict: Verdict) -> Verification:
+    """Return a verdict on a run as it is shown."""
+    parts = (
+        CheckedPart(
+            check.name,
+            check.result,
+            check.steps,
+            check.wrong_steps,
+            check.unjudged,
+            check.reason or None,
+            None if check.from_ns is None else seconds(check.from_ns),
+            None if check.until_ns is None else seconds(check.until_ns),
+            [describe(difference) for difference in check.first],
+        )
+        for check in verdict.checks
+    )
+    return Verification(
+        **vars(about(run, judged=verdict.word)),
+        verdict=verdict.word,
+        extent=verdict.judged or None,
+        parts=tuple(parts),
+        altered=verdict.altered,
+        contradictions=verdict.contradictions,
+        obstacles=verdict.obstacles,
+        not_judged=verdict.unjudged,
+        notes=verdict.notes,
+        signature=verdict.signature,
+        reasons=verdict.reasons,
+    )

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import combinations
 from math import inf, isnan, nan
-from typing import Any, NamedTuple
+from pathlib import Path
+from shlex import quote
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from scipy.stats import binomtest, bootstrap
 
 from trunk_msgs_util.recording.joint_table import Floats
 
 from ..analysis.metrics import QUANTITIES
 from ..errors import StudyError
+from ..results import ALSO, OMITTED, Count, Keyword, Known
 from .results import METRICS, Results
 from .study import shown
 
@@ -35,9 +37,9 @@ PAIR = "pair"  # grid point and draw, by which runs are paired
 class Estimate(NamedTuple):
     """A number with the bounds of its interval; low > high where there are too few values."""
 
-    value: float
-    low: float
-    high: float
+    value: Known
+    low: Known
+    high: Annotated[Known, "low and high bound the value at 95 %; null: too few runs"]
 
     @property
     def known(self) -> bool:
@@ -52,6 +54,8 @@ def wilson(count: int, of: int) -> Estimate:
     """Return a share and its Wilson score interval; `NOTHING` of nothing."""
     if not of:
         return NOTHING
+    from scipy.stats import binomtest  # takes long to load
+
     interval = binomtest(count, of).proportion_ci(CONFIDENCE, method="wilson")
     return Estimate(count / of, float(interval.low), float(interval.high))
 
@@ -85,6 +89,8 @@ def _resampled(values: Floats, statistic: Any) -> list[Estimate]:
         return [Estimate(float(point), inf, -inf) for point in points]
     if np.ptp(values) == 0.0:  # nothing to resample
         return [Estimate(float(point), float(point), float(point)) for point in points]
+    from scipy.stats import bootstrap
+
     interval = bootstrap(
         (values,),
         statistic,
@@ -101,13 +107,13 @@ def _resampled(values: Floats, statistic: Any) -> list[Estimate]:
 
 @dataclass(frozen=True)
 class Falls:
-    """How often a controller fell; refused runs, which were not made, are not among ``runs``."""
+    """How often a controller fell."""
 
     controller: str
-    fell: int
-    runs: int
-    refused: int
-    share: Estimate
+    fell: Count
+    runs: Annotated[Count, "Without those that were refused"]
+    refused: Annotated[Count, "Not run"]
+    share: Annotated[Estimate, "With Wilson's interval"]
 
     @property
     def bounds(self) -> str:
@@ -124,22 +130,29 @@ class Falls:
         return ", ".join(filter(None, [f"{self.fell} of {self.runs}", self.bounds]))
 
 
+class Bins(NamedTuple):
+    """How many values are between each two edges."""
+
+    edges: list[float]
+    counts: Annotated[list[Count], "The last one also holds what is beyond the last edge"]
+
+
 @dataclass(frozen=True)
 class MetricDistribution:
-    """A metric's values (`Results.judged`) over the runs that stood and have the metric."""
+    """Magnitudes of a metric (`Results.judged`) over the runs in which the controller stood."""
 
     metric: str
     controller: str
-    stood: int
-    values: Floats
+    stood: Annotated[Count, "Runs in which it stood"]
+    runs: Annotated[Count, "Of them, those that have the metric"]
     mean: Estimate
     median: Estimate
+    histogram: Annotated[Bins | None, "The same bins for all controllers; null: no values"]
 
     @property
     def of_stood(self) -> str:
         """In how many of the runs that stood the metric exists: ``388``, or ``380/388``."""
-        count = len(self.values)
-        return str(count) if count == self.stood else f"{count}/{self.stood}"
+        return str(self.runs) if self.runs == self.stood else f"{self.runs}/{self.stood}"
 
 
 def percent(share: float) -> str:
@@ -183,24 +196,27 @@ def distributions(
     """
     every = {name: results.of(name) for name in results.controllers}
     stood = {name: runs.only(runs.fallen == 0.0) for name, runs in every.items()}
-    by_metric: dict[str, list[MetricDistribution]] = {metric: [] for metric in metrics}
-    for metric, (name, runs) in product(metrics, stood.items()):
-        values = runs.judged(metric)
-        values = values[~np.isnan(values)]
-        estimates = mean_and_median(values)
-        by_metric[metric].append(
-            MetricDistribution(metric, name, len(runs.table), values, *estimates)
-        )
-        done()
+    by_metric: dict[str, list[MetricDistribution]] = {}
+    for metric in metrics:
+        judged = {name: runs.judged(metric) for name, runs in stood.items()}
+        values = {name: column[~np.isnan(column)] for name, column in judged.items()}
+        edges = _edges(np.concatenate(list(values.values())))
+        by_metric[metric] = []
+        for name, own in values.items():
+            bins = None if edges is None else Bins(edges.tolist(), _counts(own, edges))
+            count = len(stood[name].table)
+            by_metric[metric].append(
+                MetricDistribution(metric, name, count, len(own), *mean_and_median(own), bins)
+            )
+            done()
     return by_metric
 
 
-def bins_of(spreads: list[MetricDistribution]) -> Floats | None:
+def _edges(values: Floats) -> Floats | None:
     """Return the edges of bins for all controllers' values of a metric; None if there are none.
 
     They span all values but the highest hundredth, which are in the last bin.
     """
-    values = np.concatenate([spread.values for spread in spreads])
     if not len(values):
         return None
     low, high = float(values.min()), float(np.percentile(values, _MOST))
@@ -211,7 +227,7 @@ def bins_of(spreads: list[MetricDistribution]) -> Floats | None:
     return np.linspace(low, high, BINS + 1, dtype=np.float64)
 
 
-def counts_in(values: Floats, edges: Floats) -> list[int]:
+def _counts(values: Floats, edges: Floats) -> list[int]:
     """Return how many values are in each bin, those beyond the last edge in the last one."""
     counts, _ = np.histogram(np.minimum(values, edges[-1]), edges)
     return [int(count) for count in counts]
@@ -221,12 +237,13 @@ def counts_in(values: Floats, edges: Floats) -> list[int]:
 class Worst:
     """One run: how it ended, and what the study's entries were in it."""
 
-    run: int
+    run: Count
     controller: str
-    ended: str  # in words
     fell: bool
-    value: float | None  # of the metric; None where it has none
-    varied: dict[str, Any]
+    ended: Annotated[str, "In words"]
+    value: Annotated[float | None, "Magnitude of the metric; null: it has none"]
+    command: Annotated[str, "Makes the run again"]
+    varied: Annotated[dict[str, Any], OMITTED]
 
 
 def worst_runs(results: Results, metric: str, count: int = 10) -> list[Worst]:
@@ -260,28 +277,35 @@ def worst_runs(results: Results, metric: str, count: int = 10) -> list[Worst]:
             ended = f"fell, up to {swing[i]:.0f}°"
         value = None if np.isnan(values[i]) else float(values[i])
         varied = {name: shown(results.study, name, row[name]) for name in names}
-        cases.append(
-            Worst(row["run"], row["controller"], ended, bool(fallen[i] == 1.0), value, varied)
-        )
+        run, fell = row["run"], bool(fallen[i] == 1.0)
+        command = _command(results.path, run)
+        cases.append(Worst(run, row["controller"], fell, ended, value, command, varied))
     return cases
 
 
-@dataclass(frozen=True)
-class MeanDifference:
-    """A metric of ``first`` minus that of ``second``, over the pairs in which both have it.
+def _command(path: Path, run: int) -> str:
+    return f"trunk study show {quote(str(path))} --run {run} -o run{run}.mcap"
 
-    ``low`` and ``high`` bound the mean difference at 95 %; low > high if fewer than two pairs are left.
+
+@dataclass(frozen=True)
+class PairedDifference:
+    """A metric of ``first`` minus that of ``second``, over the pairs of draws in which both have it.
+
+    ``low`` and ``high`` bound the mean difference at 95 %, in the metric's unit; low > high if fewer than two
+    pairs are left. Made by `Sweep.compare`.
     """
 
     metric: str
     first: str
     second: str
-    left_out: int  # pairs in which one of them fell, was refused, or has no such metric
-    pairs: int
-    mean: float
-    low: float
-    high: float
-    smaller: float  # fraction of the pairs in which the first's value is smaller; a tie counts half
+    left_out: Annotated[Count, "Pairs in which one fell, was refused, or has no such metric"]
+    pairs: Count
+    mean: Known
+    low: Known
+    high: Annotated[Known, "low and high bound the mean at 95 %; null: too few pairs"]
+    smaller: Annotated[
+        Known, "Fraction of the pairs in which the first is smaller; ties count half"
+    ]
 
     @property
     def mean_with_bounds(self) -> Estimate:
@@ -294,7 +318,7 @@ class MeanDifference:
         return self.metric not in QUANTITIES or QUANTITIES[self.metric].judged
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Annotated[str, ALSO]:
         """Return in words what the interval shows; of a metric that is not judged, nothing."""
         if not self.judged:
             return "not judged"
@@ -312,7 +336,7 @@ class MeanDifference:
 
 def compare_study(
     results: Results, metrics: tuple[str, ...] = METRICS, done: Callable[[], object] = lambda: None
-) -> list[MeanDifference]:
+) -> list[PairedDifference]:
     """Return all pairs of controllers, metric by metric, beginning with how often each falls.
 
     Runs are paired by grid point and draw. Errors that may be negative are compared by their
@@ -351,14 +375,45 @@ def _sorted(results: Results) -> dict[str, Floats]:
     }
 
 
-def difference_of(metric: str, first: str, second: str, a: Floats, b: Floats) -> MeanDifference:
+def difference_of(metric: str, first: str, second: str, a: Floats, b: Floats) -> PairedDifference:
     """Return ``a - b`` of a metric, by pairs; NaN: there is none."""
     both = ~(np.isnan(a) | np.isnan(b))
     differences = a[both] - b[both]
     count = len(differences)
     left_out = len(a) - count
     if count < 2:
-        return MeanDifference(metric, first, second, left_out, count, nan, inf, -inf, nan)
+        return PairedDifference(metric, first, second, left_out, count, nan, inf, -inf, nan)
     smaller = float(np.mean(differences < 0.0) + 0.5 * np.mean(differences == 0.0))
     mean = mean_interval(differences)
-    return MeanDifference(metric, first, second, left_out, count, *mean, smaller)
+    return PairedDifference(metric, first, second, left_out, count, *mean, smaller)
+
+
+class DrawnRuns(NamedTuple):
+    """A controller on some draws."""
+
+    controller: str
+    metric: Annotated[Floats, OMITTED]  # of each run, NaN where the trunk fell
+
+    @property
+    def fell(self) -> Annotated[int, Keyword("minimum", 0), ALSO]:
+        """How many fell."""
+        return int(np.isnan(self.metric).sum())
+
+    @property
+    def runs(self) -> Annotated[int, Keyword("minimum", 1), ALSO]:
+        """How many there are."""
+        return len(self.metric)
+
+    @property
+    def share(self) -> Annotated[Estimate, ALSO]:
+        """The share of falls with Wilson's interval."""
+        return wilson(self.fell, self.runs)
+
+    @property
+    def mean(self) -> Annotated[Known, ALSO]:
+        """The metric's mean over the runs that stood; NaN if none did."""
+        return float(np.nanmean(self.metric)) if self.fell < self.runs else nan
+
+    def less(self, other: DrawnRuns, metric: str) -> PairedDifference:
+        """Return the metric of this one minus the other's, over the draws in which both stood."""
+        return difference_of(metric, self.controller, other.controller, self.metric, other.metric)

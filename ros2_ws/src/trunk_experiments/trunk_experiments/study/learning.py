@@ -21,7 +21,7 @@ from ..batch.workers import worker_pool
 from ..errors import RunError, StudyError
 from ..plans.plan import RunPlan
 from ..tuning.search import Space, space_of
-from .compare import Estimate, MeanDifference, difference_of, wilson
+from .compare import DrawnRuns
 from .results import FALLEN_DEG
 from .rows import Bases, make_bases, plan_of, rows_of, shared_batch
 from .study import StudySpec, design
@@ -55,44 +55,28 @@ def _plans(draws: Draws, label: str) -> tuple[RunPlan, ...]:
     return tuple(plan_of(study, bases, row) for row in rows if row["controller"] == label)
 
 
-class DrawnRuns(NamedTuple):
-    """A contender on some draws: the metric of each run, NaN where the trunk fell."""
+class Learned(NamedTuple):
+    """Parameters searched on a study's draws, and judged on others. Made by `learn`.
 
-    label: str
-    metric: Floats
-
-    @property
-    def fell(self) -> int:
-        """How many fell."""
-        return int(np.isnan(self.metric).sum())
-
-    @property
-    def share(self) -> Estimate:
-        """The share of falls with Wilson's interval."""
-        return wilson(self.fell, len(self.metric))
-
-    @property
-    def mean(self) -> float:
-        """The metric's mean over the runs that stood; NaN if none did."""
-        return float(np.nanmean(self.metric)) if self.fell < len(self.metric) else nan
-
-    def less(self, other: DrawnRuns, metric: str) -> MeanDifference:
-        """Return the metric of this one minus the other's, over the draws in which both stood."""
-        return difference_of(metric, self.label, other.label, self.metric, other.metric)
-
-
-class LearningOutcome(NamedTuple):
-    """What a search on a study's draws gave, and how it does on others."""
+    ``before``, ``after``: the cost on the searched draws, in the metric's unit; a fall counts as
+    ``fall_costs``. ``runs``: how many runs the search took. ``searched``: before and after, on the draws of
+    the search; ``held_out``: before, after and the study's other controllers, on draws that the search did
+    not see.
+    """
 
     values: Values
-    label: str
     plan: RunPlan  # of the contender, with no draw in it
-    before: float  # cost of the starting parameters on the draws of the search
+    before: float
     after: float
-    fall: float  # what a fall costs
+    fall_costs: float
     runs: int
-    trained: tuple[DrawnRuns, DrawnRuns]  # before and after, on the draws of the search
-    held_out: tuple[DrawnRuns, ...]  # before, after, and the study's other contenders
+    searched: tuple[DrawnRuns, DrawnRuns]
+    held_out: tuple[DrawnRuns, ...]
+
+    @property
+    def overrides(self) -> Values:
+        """The parameters, for a plan."""
+        return {f"{self.plan.controller_name}.{name}": v for name, v in self.values.items()}
 
 
 def learn(
@@ -105,7 +89,7 @@ def learn(
     held_out_seed: int,
     workers: int,
     progress: Progress,
-) -> LearningOutcome:
+) -> Learned:
     """Search a contender's parameters for the least cost on a study's draws, and judge it on those of a seed.
 
     The cost is the metric's mean over the draws; a fall counts as `FALL` times the start's mean. By CMA-ES
@@ -145,10 +129,10 @@ def learn(
             if c.label != label
         ),
     ]
-    trained = start, DrawnRuns(new, outcome(draws, label, values, metric))
+    searched = start, DrawnRuns(new, outcome(draws, label, values, metric))
     count = len(start.metric)
-    return LearningOutcome(
-        values, label, plan, before, after, fall, runs * count + count, trained, tuple(held_out)
+    return Learned(
+        values, plan, before, after, fall, runs * count + count, searched, tuple(held_out)
     )
 
 
@@ -212,7 +196,7 @@ def _metric(summary: RunSummary, name: str) -> float:
     if metrics is None or max(metrics.theta_max_deg, -metrics.theta_min_deg) >= FALLEN_DEG:
         return nan
     value = getattr(metrics, name)
-    return nan if value is None else abs(float(value))
+    return nan if value in (None, inf) else abs(float(value))
 
 
 @contextmanager

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from math import ceil, degrees, log, ulp
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -17,7 +19,8 @@ from ..batch.lanes import LANES
 from ..errors import PlanError, StudyError
 from ..plans.plan import RunPlan
 from ..plans.pushes import UNITS, Push
-from .compare import Estimate, wilson
+from ..results import Keyword, Result
+from .compare import wilson
 from .rows import AT_ONCE, make_bases, outcomes
 from .study import StudySpec, Target, Variable, design
 
@@ -27,17 +30,41 @@ _FEW = 6  # start times in a line
 Progress = Callable[[int], None]  # takes the number of runs that were made
 
 
-class Bracket(NamedTuple):
-    """Where a controller falls, in the parameter's unit."""
+class Limit(NamedTuple):
+    """How far a parameter may go with a controller, in the parameter's SI unit."""
 
-    stands: float | None  # from the first value to here every tried one stands; None: it falls
-    falls: float | None  # the first tried value beyond it, which falls; None: none does
-    stands_again: tuple[float, ...]  # tried values beyond that, which stand
-    runs: int
+    controller: str
+    stands: Annotated[float | None, "From the first value to here all tried stand; null: none"]
+    falls: Annotated[float | None, "The first tried value beyond it, which falls; null: none does"]
+    stands_again: Annotated[tuple[float, ...], "Tried values beyond that, which stand"]
+    runs: Annotated[int, Keyword("minimum", 1)]
+    recordings: Annotated[tuple[Path, ...], "Of the runs on either side, if there are any"] = ()
 
-    def as_values(self) -> dict[str, object]:
-        """Return plain values, for JSON."""
-        return self._asdict()
+
+class PulseConditions(NamedTuple):
+    """The disturbance's pulses; None is what varies."""
+
+    channel: str | None
+    start_times: list[float] | None
+    duration: float | None
+    magnitude: float | None
+
+
+class PushCondition(NamedTuple):
+    """A push whose value varies."""
+
+    channel: str
+    start: float
+    duration: float
+
+
+class Conditions(NamedTuple):
+    """The other conditions of a limit. SI units and radians."""
+
+    pulses: PulseConditions | None
+    push: PushCondition | None
+    fall_angle: float | None
+    duration: float | None
 
 
 def stood(run: RunSummary, plan: RunPlan) -> bool:
@@ -57,7 +84,7 @@ def most_runs(first: float, last: float, within: float) -> int:
 def find_limit(
     plan_at: PlanAt, first: float, last: float, within: float,
     progress: Progress = lambda runs: None,
-) -> Bracket:  # fmt: skip
+) -> Limit:  # fmt: skip
     """Return the last value on the way from ``first``, which stands, to ``last`` that stands, to ``within``.
 
     Neighbouring doubles are as near as it goes. ``last`` may be the smaller one. ``progress`` takes the
@@ -82,44 +109,42 @@ def find_limit(
         falls = ordered[count] if count < len(ordered) else None
         if falls is None or stands is None or abs(falls - stands) <= max(within, ulp(stands)):
             again = tuple(value for value in ordered[count:] if tried[value])
-            return Bracket(stands, falls, again, len(tried))
+            return Limit(plans[0].controller_name, stands, falls, again, len(tried))
         values = np.linspace(stands, falls, LANES + 2)[1:-1].tolist()
 
 
-def conditions_of(
-    plan: RunPlan, varied: Collection[str], push: Push | None = None
-) -> dict[str, Any]:
+def conditions_of(plan: RunPlan, varied: Collection[str], push: Push | None = None) -> Conditions:
     """Return the other conditions of a limit: the plan's pulses, the push that varies, when a run stands.
 
-    SI units and radians; None for what varies, ``NODE.PARAM`` in ``varied``.
+    None for what varies, ``NODE.PARAM`` in ``varied``.
     """
     pulses = None
     config = plan.disturbance
     if config is not None and config.signals.pulse_starts:
-        values: dict[str, object] = {
-            "channel": config.pulse_channel,
-            "start_times": [seconds(start) for start in config.signals.pulse_starts],
-            "duration": config.pulse_duration,
-            "magnitude": config.pulse_magnitude,
-        }
+        pulses = PulseConditions(
+            config.pulse_channel,
+            [seconds(start) for start in config.signals.pulse_starts],
+            config.pulse_duration,
+            config.pulse_magnitude,
+        )
         changing = {name.removeprefix("disturbance.pulse.").partition(".")[0] for name in varied}
         if any(name.startswith("disturbance.pulse.random_") for name in varied):
             changing.add("start_times")
-        pulses = {name: None if name in changing else value for name, value in values.items()}
-    return {
-        "pulses": pulses,
-        "push": push and {"channel": push.channel, "start": push.start, "duration": push.duration},
-        "fall_angle": None if "simulator.fall.angle" in varied else plan.simulator.fall_angle,
-        "duration": None if "simulator.duration" in varied else plan.simulator.duration,
-    }
+        pulses = pulses._replace(**dict.fromkeys(changing & {*pulses._fields}))
+    return Conditions(
+        pulses,
+        push and PushCondition(push.channel, push.start, push.duration),
+        None if "simulator.fall.angle" in varied else plan.simulator.fall_angle,
+        None if "simulator.duration" in varied else plan.simulator.duration,
+    )
 
 
-def condition_lines(conditions: Mapping[str, Any]) -> list[str]:
+def condition_lines(conditions: Conditions) -> list[str]:
     """Return in words what `conditions_of` returns."""
     lines = []
-    if conditions["pulses"]:
-        channel, starts, lasting, value = conditions["pulses"].values()
-        unit = UNITS.get(channel, "")
+    if conditions.pulses:
+        channel, starts, lasting, value = conditions.pulses
+        unit = UNITS.get(channel or "", "")
         size = (
             ""
             if value is None
@@ -134,38 +159,53 @@ def condition_lines(conditions: Mapping[str, Any]) -> list[str]:
         lines.append(
             f"pulses: {of}on {channel or 'a varied channel'}, for {each} each, from t = {at}{more} s"
         )
-    if conditions["push"]:
-        channel, start, lasting = conditions["push"].values()
-        lines.append(f"push: on {channel}, for {lasting:g} s, from t = {start:g} s")
-    angle, duration = conditions["fall_angle"], conditions["duration"]
+    if conditions.push:
+        on, start, held = conditions.push
+        lines.append(f"push: on {on}, for {held:g} s, from t = {start:g} s")
+    angle, duration = conditions.fall_angle, conditions.duration
     limit = "simulator.fall.angle" if angle is None else f"{degrees(angle):.4g}°"
     run = "the run" if duration is None else f"the run, {duration:g} s"
     return [*lines, f"stands: the trunk stays within {limit} throughout {run}"]
 
 
+class SurvivalPoint(NamedTuple):
+    """The share of runs that stand a value."""
+
+    value: float
+    share: Annotated[float, "That stand, 0 to 1"]
+    low: Annotated[float, "Wilson's interval, 95 %"]
+    high: float
+
+
 class Survival(NamedTuple):
-    """The share of a study's runs that stand each value of a parameter, for one controller."""
+    """How many of a study's runs stand each value of a parameter, for one controller."""
 
-    values: tuple[float, ...]
-    shares: tuple[Estimate, ...]  # with Wilson's interval
-    runs: int  # at each value
+    controller: str
+    runs: Annotated[int, Keyword("minimum", 1), "At each value"]
+    half_falls_at: Annotated[float | None, "Between two tried values; null: not reached"]
+    points: tuple[SurvivalPoint, ...]
 
-    def as_values(self) -> dict[str, object]:
-        """Return plain values, for JSON."""
-        points = [
-            {"value": value, "share": estimate.value, "low": estimate.low, "high": estimate.high}
-            for value, estimate in zip(self.values, self.shares, strict=True)
-        ]
-        return {"runs": self.runs, "half_falls_at": self.half(), "points": points}
 
-    def half(self) -> float | None:
-        """Return the value at which half of the runs fall, between two tried ones; None: not reached."""
-        shares = [estimate.value for estimate in self.shares]
-        for k in range(1, len(shares)):
-            if shares[k] < 0.5 <= shares[k - 1]:
-                part = (shares[k - 1] - 0.5) / (shares[k - 1] - shares[k])
-                return self.values[k - 1] + part * (self.values[k] - self.values[k - 1])
-        return None
+class LimitResult(Result, document="limit-1"):
+    """The document of ``trunk limit``."""
+
+    parameter: str
+    unit: str
+    pulses: Annotated[PulseConditions | None, "Of the disturbance; in it, null is what varies"]
+    push: Annotated[PushCondition | None, "Whose value varies, with --push; else null"]
+    fall_angle: Annotated[float | None, "A run stands within it; null: it varies"]
+    duration: Annotated[float | None, "Of each run; null: it varies"]
+    limits: Annotated[list[Limit], "One for each controller; empty with --study"]
+    survival: Annotated[list[Survival], "With --study: one curve for each controller"]
+
+
+def _half(points: Sequence[SurvivalPoint]) -> float | None:
+    """Return the value at which half of the runs fall, between two tried ones; None: not reached."""
+    for before, after in pairwise(points):
+        if after.share < 0.5 <= before.share:
+            part = (before.share - 0.5) / (before.share - after.share)
+            return before.value + part * (after.value - before.value)
+    return None
 
 
 def survival(
@@ -205,11 +245,9 @@ def survival(
             count[0] += upright
             count[1] += 1
         progress(len(columns["run"]))
-    return {
-        controller: Survival(
-            tuple(of_value),
-            tuple(wilson(good, of) for good, of in of_value.values()),
-            max(of for _, of in of_value.values()),
-        )
-        for controller, of_value in counts.items()
-    }
+    curves = {}
+    for controller, of_value in counts.items():
+        points = tuple(SurvivalPoint(value, *wilson(*n)) for value, n in of_value.items())
+        runs = max(of for _, of in of_value.values())
+        curves[controller] = Survival(controller, runs, _half(points), points)
+    return curves

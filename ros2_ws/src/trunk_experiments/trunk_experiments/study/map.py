@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import ceil, nan
-from typing import TYPE_CHECKING, Any
+from math import ceil, isnan, nan
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -27,6 +28,7 @@ from ..analysis.metrics import QUANTITIES
 from ..batch.workers import as_completed_bounded, worker_pool
 from ..errors import PlanError, StudyError, SweepError
 from ..plans.plan import RunPlan
+from ..results import OMITTED, As, Count, Result
 from ..tuning.floquet import floquet, prepared
 from ..views.plots import COLORS, STYLE, line_style, with_unit
 from .results import Results
@@ -45,18 +47,39 @@ _MOST = 2000  # points of a controller in a panel; more would hide one another
 _FLOQUET, _FALLEN, _BOUNDARY = COLORS[1], "#bdbdbd", "#000000"
 
 
+def _rows(values: Floats) -> list[list[float | None]]:
+    return [[None if isnan(value) else value for value in row] for row in values.tolist()]
+
+
+Rows = list[list[float | None]]
+_LIST = As(list[float], lambda values: values.tolist())
+_ROWS, _ROWS_OR_NONE = As(Rows, _rows), As(Rows | None, _rows)
+
+
 @dataclass(frozen=True)
 class MapPanel:
-    """One controller's map [y, x]; NaN where no run has a value. Over one variable: one row, and no ``y``."""
+    """A controller's map: rows along y (one row without y), columns along x; null: no run has a value."""
 
     controller: str
-    x: Floats
-    y: Floats
-    values: Floats  # mean over the draws that did not fall
-    fallen: Floats  # fraction of the draws that fell
-    draws: int  # of a point, at most
-    quiet: Floats  # RMS at the end, deg, mean; infinite where all fell
-    growth: Floats | None  # Floquet: the largest multiplier, per second
+    x: Annotated[Floats, _LIST]
+    y: Annotated[Floats, _LIST]
+    values: Annotated[Floats, _ROWS, "Mean of the metric over the draws that did not fall"]
+    fallen: Annotated[Floats, _ROWS, "Fraction of the draws that fell"]
+    draws: Annotated[int, OMITTED]  # of a point, at most
+    quiet: Annotated[Floats, OMITTED]  # RMS at the end, deg, mean; infinite where all fell
+    growth: Annotated[Floats | None, _ROWS_OR_NONE, "Floquet: the largest multiplier, per second"]
+
+
+class MapResult(Result, document="map-1"):
+    """The document of ``trunk study map``."""
+
+    results: Path
+    output: Path
+    runs: Count
+    metric: str
+    x: Annotated[str, "Name of the variable"]
+    y: Annotated[str | None, "Name of the variable; null: curves over x"]
+    panels: list[MapPanel]
 
 
 def panels(
@@ -365,13 +388,12 @@ def draw_survival(curves: Mapping[str, Survival], axis: str, title: str) -> Figu
         plot = figure.subplots()
         for k, (controller, curve) in enumerate(curves.items()):
             style = line_style(k)
-            shares = [100.0 * estimate.value for estimate in curve.shares]
-            low = [100.0 * estimate.low for estimate in curve.shares]
-            high = [100.0 * estimate.high for estimate in curve.shares]
-            plot.plot(curve.values, shares, label=controller, **style)
-            plot.fill_between(
-                curve.values, low, high, color=style["color"], alpha=0.18, linewidth=0
-            )
+            shares = [100.0 * point.share for point in curve.points]
+            values = [point.value for point in curve.points]
+            low = [100.0 * point.low for point in curve.points]
+            high = [100.0 * point.high for point in curve.points]
+            plot.plot(values, shares, label=controller, **style)
+            plot.fill_between(values, low, high, color=style["color"], alpha=0.18, linewidth=0)
         plot.set(xlabel=axis, ylabel="runs that stand, %", ylim=(-2.0, 102.0), title=title)
         plot.legend()
     return figure

@@ -7,10 +7,10 @@ script and asks for nothing from anywhere, so that its content security policy a
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from shlex import quote
+from typing import Annotated
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -20,16 +20,15 @@ from matplotlib.figure import Figure
 from ..analysis.metrics import QUANTITIES
 from ..errors import StudyError
 from ..parts.inline import part
+from ..results import Count, Result
 from ..views.plots import drawn
 from .compare import (
     RESAMPLES,
     Falls,
-    MeanDifference,
     MetricDistribution,
+    PairedDifference,
     Worst,
-    bins_of,
     compare_study,
-    counts_in,
     distributions,
     estimate_text,
     falls,
@@ -73,7 +72,7 @@ class MetricPart:
     low: str  # of the bins
     high: str
     histograms: tuple[Histogram, ...]
-    differences: tuple[MeanDifference, ...]
+    differences: tuple[PairedDifference, ...]
     scatter: str  # against each drawn parameter, as a data URL; empty: nothing is drawn
 
 
@@ -90,11 +89,21 @@ class StudyReport:
     maps: tuple[tuple[str, str], ...]  # of each controller, as a data URL
     axes: tuple[str, ...]  # of the maps: two grid variables, or of one picture of curves: one
     map_metric: str
-    worst: tuple[tuple[Worst, str], ...]  # with the command that runs it again
+    worst: tuple[Worst, ...]
     worst_metric: str
     varied: tuple[str, ...]
     text: str
     provenance: str
+
+
+class StudyReportResult(Result, document="study-report-1"):
+    """The document of ``trunk study report``."""
+
+    results: Annotated[Path, "The sweep's file"]
+    output: Path
+    bytes: Count
+    runs: Count
+    worst: Annotated[Sequence[Worst], "The worst runs, fallen ones first"]
 
 
 def make_report(
@@ -124,9 +133,7 @@ def make_report(
         maps=tuple(_maps(results, metric, axes, floquet)) if axes else (),
         axes=axes,
         map_metric=metric,
-        worst=tuple(
-            (case, _command(results.path, case.run)) for case in worst_runs(results, metric, WORST)
-        ),
+        worst=tuple(worst_runs(results, metric, WORST)),
         worst_metric=metric,
         varied=tuple(v.name for v in study.variables),
         text=results.study_text,
@@ -206,12 +213,11 @@ def _part(
     results: Results,
     metric: str,
     spreads: list[MetricDistribution],
-    differences: list[MeanDifference],
+    differences: list[PairedDifference],
 ) -> MetricPart:
-    edges = bins_of(spreads)
-    counts = [[0] if edges is None else counts_in(spread.values, edges) for spread in spreads]
-    histograms = []
-    for spread, bin_counts in zip(spreads, counts, strict=True):
+    histograms, low, high = [], "", ""
+    for spread in spreads:
+        edges, bin_counts = spread.histogram or ([], [0])
         most = max(*bin_counts, 1)
         width = 100.0 / len(bin_counts)
         bars = tuple(
@@ -220,12 +226,12 @@ def _part(
             if count
         )
         median = None
-        if edges is not None and not np.isnan(spread.median.value):
-            span = float(edges[-1] - edges[0])
-            median = min(100.0, 100.0 * (spread.median.value - float(edges[0])) / span)
+        if edges:
+            low, high = number_text(edges[0]), number_text(edges[-1])
+        if edges and not np.isnan(spread.median.value):
+            median = min(100.0, 100.0 * (spread.median.value - edges[0]) / (edges[-1] - edges[0]))
         histograms.append(Histogram(spread, bars, median))
     quantity = QUANTITIES[metric]
-    low, high = ("", "") if edges is None else (number_text(float(edges[i])) for i in (0, -1))
     return MetricPart(
         key=metric,
         label=quantity.label,
@@ -236,7 +242,3 @@ def _part(
         differences=tuple(differences),
         scatter=_data_url(scatter(results, metric)) if drawn_parameters(results) else "",
     )
-
-
-def _command(path: Path, run: int) -> str:
-    return f"trunk study show {quote(str(path))} --run {run} -o run{run}.mcap"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -18,19 +18,21 @@ from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_sim.simulation import DivergedError
 
-from ..analysis.metrics import QUANTITIES, RunMetrics
+from ..analysis.metrics import QUANTITIES, Metrics
 from ..analysis.run_table import table_and_metrics
 from ..errors import StudyError
 from ..plans.plan import RunPlan
 from ..recorded.run import RecordedRun
 from ..replay.checks import same, ulps
+from ..results import Count, Result, known
 from ..runs.offline_recording import Progress, record_offline
 from .rows import Bases, bases_from, plan_of
 from .study import StudySpec, design, parse_study
 from .sweep import sources
 
 FALLEN_DEG = 90.0  # a trunk this far from the vertical has fallen
-METRICS = tuple(RunMetrics.__dataclass_fields__)
+METRICS = tuple(Metrics.__dataclass_fields__)
+Cell = float | int | str | bool | None  # of a column
 _TOLD = ("study", "plans", "grid", "variables", "sources")
 
 
@@ -152,33 +154,32 @@ class FirstCell(NamedTuple):
 
     run: int
     column: str
-    a: object  # None: missing
-    b: object
+    a: Annotated[Cell, "null: missing in the first"]
+    b: Annotated[Cell, "null: missing in the second"]
 
 
-@dataclass
-class StudyDiff:
-    """All that differs between two sweeps. The runs decide; the metadata help explain."""
+class StudyDiff(Result, document="diff-study-1"):
+    """The document of ``trunk diff A B``, of two sweeps.
 
-    compared: int = 0  # runs that both have
-    differing: int = 0  # runs, those that only one has included
-    first: FirstCell | None = None
-    furthest: int | None = None  # ULPs, of the numbers that both have
-    metadata: list[str] = field(default_factory=list)
+    The runs decide; the metadata help explain.
+    """
 
-    @property
-    def identical(self) -> bool:
-        """True where every run of both has the same bits in the same columns."""
-        return self.first is None
+    studies: Annotated[tuple[Path, Path], "The sweeps' files"]
+    identical: Annotated[bool, "Every run of both has the same bits in the same columns"]
+    runs_compared: Annotated[Count, "Those that both have"]
+    differing_runs: Annotated[Count, "With those that only one has"]
+    first: Annotated[FirstCell | None, "null: none"]
+    furthest_ulps: Annotated[Count | None, "Between two numbers; null: none differ"]
+    metadata: Sequence[str]
 
     def describe(self) -> str:
         """Return in one line whether and where the sweeps differ."""
         if self.first is None:
-            return f"identical: {self.compared} runs, bit for bit"
+            return f"identical: {self.runs_compared} runs, bit for bit"
         shown = ["nothing" if value is None else repr(value) for value in self.first[2:]]
-        most = "" if self.furthest is None else f"; at most {self.furthest} ULP apart"
+        most = "" if self.furthest_ulps is None else f"; at most {self.furthest_ulps} ULP apart"
         return (
-            f"different in {self.differing} runs; first in run {self.first.run}, {self.first.column}: "
+            f"different in {self.differing_runs} runs; first in run {self.first.run}, {self.first.column}: "
             f"{shown[0]} in A, {shown[1]} in B{most}"
         )
 
@@ -187,7 +188,7 @@ def diff_studies(a: Results, b: Results) -> StudyDiff:
     """Compare two sweeps by their runs' numbers. Raises StudyError where these are missing or doubled."""
     here, there = _numbers(a), _numbers(b)
     shared, rows_a, rows_b = np.intersect1d(here, there, assume_unique=True, return_indices=True)
-    result = StudyDiff(len(shared), metadata=_metadata(a, b))
+    furthest: int | None = None
     cells = [
         *(FirstCell(int(run), "run", int(run), None) for run in np.setdiff1d(here, there)[:1]),
         *(FirstCell(int(run), "run", None, int(run)) for run in np.setdiff1d(there, here)[:1]),
@@ -202,10 +203,17 @@ def diff_studies(a: Results, b: Results) -> StudyDiff:
             cells.append(FirstCell(run, name, x, y))
             apart = ulps(x, y) if isinstance(x, float) and isinstance(y, float) else None
             if apart is not None:
-                result.furthest = max(apart, result.furthest or 0)
-    result.differing = len(differing)
-    result.first = min(cells, key=lambda cell: cell.run, default=None)  # keeps the columns' order
-    return result
+                furthest = max(apart, furthest or 0)
+    first = min(cells, key=lambda cell: cell.run, default=None)  # keeps the columns' order
+    return StudyDiff(
+        (a.path, b.path),
+        first is None,
+        len(shared),
+        len(differing),
+        first,
+        furthest,
+        _metadata(a, b),
+    )
 
 
 def _numbers(results: Results) -> Integers:
@@ -217,10 +225,10 @@ def _numbers(results: Results) -> Integers:
     return numbers
 
 
-def _values(table: pa.Table, name: str, rows: Integers) -> list[object]:
+def _values(table: pa.Table, name: str, rows: Integers) -> list[Cell]:
     if name not in table.column_names:
         return [None] * len(rows)
-    values: list[object] = table[name].take(pa.array(rows)).to_pylist()
+    values: list[Cell] = table[name].take(pa.array(rows)).to_pylist()
     return values
 
 
@@ -339,7 +347,8 @@ def _outcome(path: Path, diverged: DivergedError | None) -> dict[str, Any]:
             "diverged_at_s": float(table.t[-1]),
             **dict.fromkeys(METRICS),
         }
-    return {"status": "ok", "diverged_at_s": None, **metrics.as_dict()}
+    numbers = {name: value and known(value) for name, value in metrics.as_dict().items()}
+    return {"status": "ok", "diverged_at_s": None, **numbers}
 
 
 def _why(results: Results) -> str:

@@ -10,10 +10,10 @@ is the number of such runs. How often the trunk fell is itself a metric, `FELL`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pyarrow as pa
@@ -22,6 +22,7 @@ from scipy.stats import bootstrap, qmc, sobol_indices
 from trunk_msgs_util.recording.joint_table import Floats
 
 from ..errors import StudyError
+from ..results import Count, Result
 from .compare import CONFIDENCE, FELL, Estimate
 from .results import METRICS, Results
 from .rows import Bases
@@ -38,28 +39,33 @@ Progress = Callable[[int, int], None]  # takes the number of finished runs, and 
 class Index:
     """One parameter's part in the variance of a metric, with intervals at 95 %."""
 
-    parameter: str
+    name: str
     first: Estimate
     total: Estimate
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What makes one metric of one controller vary; no ``indices`` if it does not."""
+    """What makes one metric of one controller vary; no ``parameters`` if it does not."""
 
     controller: str
-    metric: str
-    runs: int
-    fell: int
-    filled: (
-        int  # runs that count as the worst of the others: those that fell, or have no such metric
-    )
-    indices: tuple[Index, ...]  # by their total, the largest first
+    metric: Annotated[str, "fallen: 1 where the trunk fell, else 0"]
+    runs: Count
+    fell: Count
+    filled: Annotated[Count, "Runs without the metric; they count as the worst of the others"]
+    doubtful: Annotated[bool, "More than 5 % are filled"]
+    parameters: Annotated[
+        tuple[Index, ...], "The largest total first; empty: the metric does not vary"
+    ]
 
-    @property
-    def doubtful(self) -> bool:
-        """True if so many runs were filled in that the indices reflect falls more than the metric."""
-        return self.filled > 0.05 * self.runs
+
+class SensitivityResult(Result, document="study-sensitivity-1"):
+    """The document of ``trunk study sensitivity``."""
+
+    study: str
+    n: Annotated[int, "Base points"]
+    runs: Count
+    indices: Sequence[Sensitivity]
 
 
 def check_sensitivity(study: StudySpec, n: int, metrics: tuple[str, ...]) -> None:
@@ -177,6 +183,7 @@ def _of_one(
             len(fell),
             int(np.count_nonzero(fell)),
             lacking[k],
+            lacking[k] > 0.05 * len(fell),
             tuple(indices) if np.ptp(columns[k]) > 0.0 else (),
         )
 

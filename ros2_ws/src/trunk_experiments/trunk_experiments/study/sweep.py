@@ -29,7 +29,7 @@ from trunk_msgs_util.compiled import fingerprint
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.provenance import ARITHMETIC, OF_MACHINE, gather, packages_of_laws
 
-from ..analysis.metrics import RunMetrics
+from ..analysis.metrics import Metrics
 from ..batch.block import Maker
 from ..batch.kernel import OnDevice, kernel_of, templates
 from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
@@ -38,7 +38,7 @@ from ..plans.nodes import CONTROLLERS
 from .rows import AT_ONCE, Bases, difference, digest, identity, make_bases, outcomes, plans_json
 from .study import StudySpec, design
 
-METRICS = tuple(RunMetrics.__dataclass_fields__)
+METRICS = tuple(Metrics.__dataclass_fields__)
 _PROGRAM, _CONTENT = "sources", "study_content"  # keys of a block's metadata
 _CONNECT_S = 10.0  # to a Dask cluster
 _IN_FLIGHT = 4  # blocks per thread of the cluster
@@ -81,7 +81,8 @@ def run_block(block: RunBlock, maker: Maker | None = None) -> pa.Table:
     arrays["reason"] = pa.array(map(ended.refused.get, range(len(status))), pa.string())
     numbers = ended.diverged_at, *ended.metrics
     for name, values in zip(("diverged_at_s", *METRICS), numbers, strict=True):
-        arrays[name] = pa.array(values, pa.float64(), from_pandas=True)  # NaN: null
+        known = np.where(np.isinf(values), np.nan, values)  # a time of settling that is never
+        arrays[name] = pa.array(known, pa.float64(), from_pandas=True)  # NaN: null
     return pa.table(arrays).replace_schema_metadata({_PROGRAM: sources(), _CONTENT: block.content})
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from math import inf
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from trunk_control.pid import PidConfig
 from trunk_control.pid_family import Gains
 
 from ..plans.plan import RunPlan
+from ..results import OMITTED, Result
 from .linear import LinearLoop, loop_of
 
 if TYPE_CHECKING:
@@ -24,14 +26,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+Hip = Literal["prescribed", "passive"]
+HIPS: tuple[Hip, ...] = ("prescribed", "passive")
+
+
 class Margins(NamedTuple):
     """How far a sampled loop is from instability."""
 
-    gain_up: float  # factor on all gains at which it loses stability; infinite where it never does
-    gain_down: float  # the same, downwards; 0 where it never does
+    gain_up: Annotated[float, "Factor on all gains at which it loses stability; infinite: never"]
+    gain_down: Annotated[float, "The same, downwards; 0: never"]
     phase_deg: float
-    modulus: float  # 1 / peak sensitivity: the smallest distance of L from -1
-    delay: float  # s, the largest that it tolerates, in whole periods
+    modulus: Annotated[float, "1 / peak sensitivity: the smallest distance of L from -1"]
+    delay: Annotated[float, "s, the largest that it tolerates, in whole periods"]
 
 
 def margins(loop: LinearLoop) -> Margins:
@@ -91,23 +97,23 @@ def _edge(loop: LinearLoop, inside: float, outside: float) -> float:
 
 
 class LoopMargins(NamedTuple):
-    """The margins of the loop with some gains; None where it is unstable."""
+    """The margins of the loop with some gains."""
 
-    at: str  # which gains
-    hip: str  # "prescribed" or "passive"
-    loop: LinearLoop
-    radius: float  # spectral radius of the sampled loop
-    margins: Margins | None
+    at: Annotated[str, "The controller, or a corner of its gain box"]
+    hip: Hip
+    stable: bool
+    spectral_radius: Annotated[float, "Of the sampled loop"]
+    margins: Annotated[Margins | None, "null: unstable"]
+    loop: Annotated[LinearLoop, OMITTED]
 
-    def as_values(self) -> dict[str, object]:
-        """Return plain values, for JSON."""
-        return {
-            "at": self.at,
-            "hip": self.hip,
-            "stable": self.margins is not None,
-            "spectral_radius": self.radius,
-            "margins": self.margins and self.margins._asdict(),
-        }
+
+class MarginsResult(Result, document="margins-1"):
+    """The document of ``trunk margins``."""
+
+    file: Annotated[Path | None, "The recording; null: of parameters"]
+    output: Annotated[Path | None, "The picture; null: none asked for"]
+    update_rate_hz: float
+    margins: Annotated[list[LoopMargins], "About the upright; also at corners of a gain box"]
 
 
 def plan_margins(plan: RunPlan) -> list[LoopMargins]:
@@ -122,10 +128,11 @@ def plan_margins(plan: RunPlan) -> list[LoopMargins]:
         if isinstance(config, FuzzyPidConfig):
             candidates |= {at: _constant(config, gains) for at, gains in _corners(config).items()}
         for at, candidate in candidates.items():
-            for hip in ("prescribed", "passive"):
+            for hip in HIPS:
                 loop = loop_of(plan.simulator, candidate, hip == "prescribed")
                 within = margins(loop) if loop.stable else None
-                rows.append(LoopMargins(at, hip, loop, loop.radius(), within))
+                stable = within is not None
+                rows.append(LoopMargins(at, hip, stable, loop.radius(), within, loop))
     return rows
 
 
@@ -136,7 +143,7 @@ def weakness(row: LoopMargins) -> str:
     """Return in words why a loop is not sound: unstable, or with thin margins; empty if it is."""
     m = row.margins
     if m is None:
-        return f"UNSTABLE, spectral radius {row.radius:.6g}"
+        return f"UNSTABLE, spectral radius {row.spectral_radius:.6g}"
     low = []
     if m.phase_deg < THIN_PHASE_DEG:
         low.append(f"phase margin {m.phase_deg:.1f}° (30° is usual)")

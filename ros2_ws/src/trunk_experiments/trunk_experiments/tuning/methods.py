@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf, pi, sqrt
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 from scipy.signal import place_poles
 
 from trunk_control.pid_family import Gains
+from trunk_msgs_util.parameters.declarations import Value
 from trunk_msgs_util.recording.joint_table import Floats
 
 from ..errors import TuningError
@@ -91,14 +92,20 @@ def sampled(
     return ad, bd, cost[:n, :n], cost[:n, n:], cost[n:, n:]
 
 
-class Ultimate(NamedTuple):
+class Relay(NamedTuple):
     """What a relay experiment found, and what follows from the characteristic polynomial."""
 
-    gain: float  # Ku = 4 d / (pi amplitude), N m/rad: the describing function's
-    period: float  # Tu of the limit cycle, s
-    amplitude: float  # rad
-    exact_gain: float  # Routh: where pure P loses stability, N m/rad
-    exact_period: float  # s
+    gain: Annotated[float, "Ku = 4 d / (pi amplitude), N m/rad: the describing function's"]
+    period: Annotated[float, "Tu of the limit cycle, s"]
+    amplitude: Annotated[float, "Of the limit cycle, rad"]
+    exact_gain: Annotated[float, "Routh: where pure P loses stability, N m/rad"]
+    exact_period: Annotated[float, "Likewise, s"]
+
+    @property
+    def overrides(self) -> dict[str, Value]:
+        """Table 1's PID gains, for a plan."""
+        gains = ziegler_nichols(self.gain, self.period)
+        return {f"pid.gains.{name}": getattr(gains, name) for name in "pid"}
 
 
 def ultimate(plant: Linear) -> tuple[float, float]:
@@ -117,7 +124,7 @@ def ultimate(plant: Linear) -> tuple[float, float]:
     return (plant.a + (1.0 + plant.lag * plant.c) * square) / plant.b, 2.0 * pi / sqrt(square)
 
 
-def relay(plant: Linear, amplitude: float, steps: int = 1000, cycles: int = 60) -> Ultimate:
+def relay(plant: Linear, amplitude: float, steps: int = 1000, cycles: int = 60) -> Relay:
     """Return the response of the trunk to a relay of +-``amplitude`` N m in place of the controller.
 
     Astrom and Hagglund's experiment on the linear plant, computed exactly: the torque is constant between
@@ -165,7 +172,7 @@ def relay(plant: Linear, amplitude: float, steps: int = 1000, cycles: int = 60) 
         raise TuningError("the relay's oscillation does not settle to a limit cycle")
     swing = float(np.mean(peaks[-5:]))
     gain = 4.0 * amplitude / (pi * swing)
-    return Ultimate(gain, float(np.mean(periods)), swing, exact_gain, exact_period)
+    return Relay(gain, float(np.mean(periods)), swing, exact_gain, exact_period)
 
 
 def ziegler_nichols(gain: float, period: float) -> Gains:

@@ -31,13 +31,23 @@ from ..plans.plan import RunPlan
 FAILED = 1e9  # cost of a run that diverges or lacks the metric
 
 
-class Found(NamedTuple):
-    """The best parameters, their cost, and the effort of the search."""
+class Optimum(NamedTuple):
+    """The best parameters of a search. Made by `optimise`.
 
+    ``before``, ``after``: the mean of the metric over the plans, in its unit, with the plans' own parameters
+    and with these. ``runs``: how many runs it took.
+    """
+
+    controller: str
     values: dict[str, Value]
-    cost: float
-    start_cost: float
+    before: float
+    after: float
     runs: int
+
+    @property
+    def overrides(self) -> dict[str, Value]:
+        """The parameters, for a plan."""
+        return {f"{self.controller}.{name}": value for name, value in self.values.items()}
 
 
 class Space(NamedTuple):
@@ -146,7 +156,7 @@ def search(
     population: int,
     seed: int,
     progress: Callable[[int, float], None],
-) -> Found:
+) -> Optimum:
     """Return the parameters of the plans' controller with the smallest mean metric over the plans.
 
     The same seed gives the same result. ``progress`` is called with the generation and the best cost so far.
@@ -169,7 +179,7 @@ def search(
             tried = changed(plan.controller, values)
             outcome = batch.run(plan.with_controller(tried)).metrics()
             value = None if outcome is None else getattr(outcome, metric)
-            total += FAILED if value is None else abs(float(value))
+            total += FAILED if value in (None, inf) else abs(float(value))
         return total / len(plans)
 
     generations_done = count(1)
@@ -192,4 +202,5 @@ def search(
         callback=heard,
     )
     best = start if start_cost <= optimum.fun else optimum.x
-    return Found(space.values(best), min(start_cost, float(optimum.fun)), start_cost, runs)
+    after = min(start_cost, float(optimum.fun))
+    return Optimum(plans[0].controller_name, space.values(best), start_cost, after, runs)

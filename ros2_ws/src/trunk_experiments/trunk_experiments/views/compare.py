@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
 from trunk_control.rule_tables import Axes, axes_of, is_table
 from trunk_msgs_util.recording.reader import RecordingError
 
-from ..analysis.metrics import QUANTITIES, has_level, metrics, missing
+from ..analysis.metrics import QUANTITIES, metrics
 from ..analysis.parameter_text import ChangedParameter, change_grid, changed_parameters
 from ..plans.nodes import CONTROLLERS
 from ..recorded.run import BranchOf, RecordedRun
@@ -23,15 +24,11 @@ if TYPE_CHECKING:
 
 
 class Row(NamedTuple):
-    """A metric of every run; ``best``: the indices of the runs with the lowest value.
-
-    ``missing``: what to say of each run whose value is None.
-    """
+    """A metric of every run; ``best``: the indices of the runs with the lowest value."""
 
     key: str
     values: tuple[float | None, ...]
     best: tuple[int, ...]
-    missing: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -56,9 +53,9 @@ def best_of(values: Sequence[float | None], sound: Sequence[bool] | None = None)
     """
     allowed = [True] * len(values) if sound is None else sound
     magnitudes = [abs(v) for v, good in zip(values, allowed, strict=True) if good and v is not None]
-    if not magnitudes or len(values) < 2:
+    least = min(magnitudes, default=inf)
+    if least == inf or len(values) < 2:
         return ()
-    least = min(magnitudes)
     return tuple(
         i for i, v in enumerate(values) if allowed[i] and v is not None and abs(v) == least
     )
@@ -82,13 +79,11 @@ def metric_rows(
     """Return the rows of the table of metrics; no doubtful run is best, and none if ``tasks`` differ."""
     sound = [not doubt and not tasks for doubt in doubts]
     metrics = [metrics_of(view) for view in views]
-    levels = [has_level(view.table) for view in views]
     rows = []
     for key in metrics[0]:
         values = tuple(run[key] for run in metrics)
         judged = key in QUANTITIES and QUANTITIES[key].judged
-        words = tuple(missing(key, level) for level in levels)
-        rows.append(Row(key, values, best_of(values, sound) if judged else (), words))
+        rows.append(Row(key, values, best_of(values, sound) if judged else ()))
     return tuple(rows)
 
 

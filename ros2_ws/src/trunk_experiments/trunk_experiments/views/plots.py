@@ -128,12 +128,13 @@ _NAMED_TURNS = 6  # more would overlap
 def with_doubts(name: str, view: RunView) -> str:
     """Return a run's name for the legend, with what makes it doubtful."""
     doubts = doubts_of(view.run, twin=False)
-    late = f"{doubts.late} of {doubts.steps} steps late" if doubts.late else ""
+    late = doubts.late
+    behind = f"{late.steps} of {late.of} steps late" if late and late.steps else ""
     words = [
         "silent" * bool(doubts.silent),
-        "incomplete" * bool(doubts.incomplete),
-        "fell" * (doubts.fell_at_s is not None),
-        late,
+        "incomplete" * (not doubts.complete),
+        "fell" * (doubts.fell is not None),
+        behind,
     ]
     notes = ", ".join(filter(None, words))
     return f"{name} ({notes})" if notes else name

@@ -17,6 +17,7 @@ from ..analysis.metrics import QUANTITIES
 from ..analysis.parameter_text import changed_parameters, differing_texts, full_text, lines_of
 from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
+from ..results import number
 from .compare import Row, differing_parameters, metric_rows, table_axes, table_grids
 from .report_data import report_data
 from .rule_use import rule_use
@@ -100,10 +101,9 @@ def make_report(views: Sequence[RunView]) -> Report:
     )
 
 
-def number(row: Row, run: int) -> str:
+def metric_text(value: float | None) -> str:
     """Return a run's metric as text."""
-    value = row.values[run]
-    return row.missing[run] if value is None else f"{value:.5g}".replace("-", "−")
+    return number(value, 5).replace("-", "−")
 
 
 def quantity_label(key: str) -> tuple[str, str]:

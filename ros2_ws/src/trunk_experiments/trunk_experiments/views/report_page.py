@@ -17,7 +17,7 @@ from markupsafe import Markup
 from trunk_msgs_util.files import atomic_write
 
 from ..parts.inline import inline, part, script_sources
-from .report import Report, number, quantity_label
+from .report import Report, metric_text, quantity_label
 
 _PARTS = ("numbers.js", "keys.js", "stage.js")  # that other pages share
 _SCRIPTS = (
@@ -48,7 +48,7 @@ def render(report: Report) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals |= {"number": number, "quantity_label": quantity_label}
+    environment.globals |= {"metric_text": metric_text, "quantity_label": quantity_label}
     return environment.get_template("page.html").render(
         report=report,
         data=htmlsafe_json_dumps(report.data, allow_nan=False, separators=(",", ":")),

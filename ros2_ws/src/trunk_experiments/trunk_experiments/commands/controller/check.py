@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Annotated, NamedTuple
 
 import click
 
@@ -14,67 +15,63 @@ from ...console.document import json_option, write_json
 from ...console.options import Name
 from ...console.tables import print_table
 from ...plans.nodes import CONTROLLERS, UNUSABLE
+from ...results import Keyword, Result
+
+
+class CheckedLaw(NamedTuple):
+    """A check of a law, and what it found."""
+
+    name: str
+    asserts: str
+    kept: bool
+    findings: Sequence[LawFinding]
+
+
+class CheckResult(Result, document="check-1"):
+    """The document of ``trunk controller check``."""
+
+    controller: str
+    label: str
+    package: str
+    kept: Annotated[bool, "Every check is kept"]
+    checks: Annotated[Sequence[CheckedLaw], Keyword("minItems", 1)]
 
 
 @click.command("check")
 @click.argument("name", type=Name((*CONTROLLERS, *UNUSABLE)))
-@json_option("check-1")
+@json_option(CheckResult)
 @click.pass_context
 def command(ctx: click.Context, name: str, as_json: bool) -> None:
     """Apply the conformance kit to a registered controller; exit code 1 if anything is found."""
     if name in UNUSABLE:
         raise LawError(UNUSABLE[name])
-    checked = [(check, findings_of(name, check)) for check in CHECKS]
+    checks = [_checked(name, check) for check in CHECKS]
+    label, package, kept = law_named(name).label, package_of(name), all(c.kept for c in checks)
+    result = CheckResult(name, label, package, kept, checks)
     if as_json:
-        write_json("check-1", as_values(name, checked))
+        write_json(result)
     else:
-        _show(name, checked)
-    if not all(kept(findings) for _, findings in checked):
+        _show(result)
+    if not kept:
         ctx.exit(EXIT_FAILED)
 
 
-def kept(findings: Sequence[LawFinding]) -> bool:
-    """Return True if there is nothing but notes."""
-    return all(finding.note for finding in findings)
+def _checked(name: str, check: LawCheck) -> CheckedLaw:
+    """Return a check of a law with its findings; it is kept if there is nothing but notes."""
+    findings = findings_of(name, check)
+    return CheckedLaw(check.name, check.asserts, all(f.note for f in findings), findings)
 
 
-def as_values(
-    name: str, checked: Sequence[tuple[LawCheck, Sequence[LawFinding]]]
-) -> dict[str, object]:
-    """Return the checks of a controller and their findings as plain values."""
-    return {
-        "controller": name,
-        "label": law_named(name).label,
-        "package": package_of(name),
-        "kept": all(kept(findings) for _, findings in checked),
-        "checks": [
-            {
-                "name": check.name,
-                "asserts": check.asserts,
-                "kept": kept(findings),
-                "findings": [
-                    {"function": f.function, "what": f.problem, "advice": f.advice, "note": f.note}
-                    for f in findings
-                ],
-            }
-            for check, findings in checked
-        ],
-    }
-
-
-def _show(name: str, checked: Sequence[tuple[LawCheck, Sequence[LawFinding]]]) -> None:
-    count = sum(kept(findings) for _, findings in checked)
+def _show(result: CheckResult) -> None:
+    count = sum(check.kept for check in result.checks)
     print_table(
-        f"{law_named(name).label} ({package_of(name)}): {count} of {len(checked)} kept",
+        f"{result.label} ({result.package}): {count} of {len(result.checks)} kept",
         ("check", "", "asserts"),
-        [
-            (check.name, "kept" if kept(findings) else "NOT KEPT", check.asserts)
-            for check, findings in checked
-        ],
+        [(c.name, "kept" if c.kept else "NOT KEPT", c.asserts) for c in result.checks],
     )
     checks_of: dict[LawFinding, list[str]] = {}  # of the same finding, by each of its checks
-    for _, findings in checked:
-        for finding in findings:
+    for check in result.checks:
+        for finding in check.findings:
             checks_of.setdefault(finding._replace(check=""), []).append(finding.check)
     for finding, checks in checks_of.items():
         line = finding._replace(check=", ".join(checks)).line()

@@ -2,18 +2,58 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
+from typing import Annotated, NamedTuple
 
 import click
 
 from trunk_msgs_util.errors import EXIT_FAILED
 
+from ...conformance.node_judge import findings as findings_of
 from ...console.document import json_option, write_json
 from ...console.options import Number
 from ...console.tables import print_table
 from ...errors import PlanError
 from ...plans.files import checked_namespace
+from ...results import Keyword, Result
 from ...runs.node_processes import check_nodes_installed, claimed_domain
+
+
+class NodeFinding(NamedTuple):
+    """What a node does otherwise than it should, and what to write instead."""
+
+    what: str
+    advice: str
+
+
+class CheckedNode(NamedTuple):
+    """A check of a node, and what it found."""
+
+    name: str
+    asserts: str
+    kept: bool
+    findings: Sequence[NodeFinding]
+
+
+class Latency(NamedTuple):
+    """From a state's publication to its answer, ms."""
+
+    median: float | None
+    p999: float | None
+
+
+class CheckNodeResult(Result, document="check-node-1"):
+    """The document of ``trunk controller check-node``."""
+
+    node: Annotated[str | None, "Its name; null: it is no ROS node"]
+    middleware: Annotated[str, "Its DDS, as far as its identity tells"]
+    kept: Annotated[bool, "Every check is kept"]
+    states: int
+    commands: int
+    latency_ms: Annotated[Latency, "From a state's publication to its answer"]
+    largest_torque: Annotated[float | None, "N m; null: none, or not finite"]
+    checks: Annotated[Sequence[CheckedNode], Keyword("minItems", 1)]
 
 
 @click.command("check-node")
@@ -42,7 +82,7 @@ from ...runs.node_processes import check_nodes_installed, claimed_domain
     show_default=True,
     help="How long to wait for it, s.",
 )
-@json_option("check-node-1")
+@json_option(CheckNodeResult)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -57,7 +97,6 @@ def command(
 
     No simulator may run beside it. Exit code 1 if anything is found.
     """
-    from ...conformance.node_judge import findings as findings_of
     from ...conformance.player_node import Player
 
     if not rate > 0.0:
@@ -76,35 +115,34 @@ def command(
     )
     efforts = [transcript.effort(answer.command) for _, answer in transcript.answers]
     largest = max((abs(effort) for effort in efforts if effort is not None), default=None)
+    checks = [
+        CheckedNode(
+            check.name,
+            check.asserts,
+            not problem,
+            [NodeFinding(problem, check.advice)] if problem else [],
+        )
+        for check, problem in checked
+    ]
+    kept = all(check.kept for check in checks)
     if as_json:
-        values = {
-            "node": sender.name or None,
-            "middleware": sender.middleware,
-            "kept": not any(problem for _, problem in checked),
-            "states": len(transcript.exchanges),
-            "commands": len(efforts),
-            "latency_ms": {"median": latencies.get("50 %"), "p999": latencies.get("99.9 %")},
-            "largest_torque": largest if largest is not None and isfinite(largest) else None,
-            "checks": [
-                {
-                    "name": check.name,
-                    "asserts": check.asserts,
-                    "kept": not problem,
-                    "findings": [{"what": problem, "advice": check.advice}] if problem else [],
-                }
-                for check, problem in checked
-            ],
-        }
-        write_json("check-node-1", values)
+        result = CheckNodeResult(
+            sender.name or None,
+            sender.middleware,
+            kept,
+            len(transcript.exchanges),
+            len(efforts),
+            Latency(latencies.get("50 %"), latencies.get("99.9 %")),
+            largest if largest is not None and isfinite(largest) else None,
+            checks,
+        )
+        write_json(result)
     else:
-        count = sum(not problem for _, problem in checked)
+        count = sum(check.kept for check in checks)
         print_table(
-            f"{sender.label} ({sender.middleware}): {count} of {len(checked)} kept",
+            f"{sender.label} ({sender.middleware}): {count} of {len(checks)} kept",
             ("check", "", "asserts"),
-            [
-                (check.name, "NOT KEPT" if problem else "kept", check.asserts)
-                for check, problem in checked
-            ],
+            [(c.name, "kept" if c.kept else "NOT KEPT", c.asserts) for c in checks],
         )
         for check, problem in checked:
             if problem:
@@ -112,5 +150,5 @@ def command(
         states, commands = len(transcript.exchanges), len(efforts)
         shown = ", ".join(f"{name} {value:.3g} ms" for name, value in latencies.items())
         click.echo(f"{commands} commands for {states} states; latency: {shown or 'not known'}")
-    if any(problem for _, problem in checked):
+    if not kept:
         ctx.exit(EXIT_FAILED)

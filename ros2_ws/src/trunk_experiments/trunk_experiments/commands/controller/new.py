@@ -6,6 +6,7 @@ import re
 from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
+from typing import Annotated
 
 import click
 
@@ -14,8 +15,18 @@ from trunk_control.laws import REGISTERED
 from ...console.document import json_option, write_json
 from ...errors import PlanError
 from ...plans.nodes import OTHERS
+from ...results import Keyword, Result
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*[a-z0-9]")
+
+
+class NewResult(Result, document="new-1"):
+    """The document of ``trunk controller new``."""
+
+    folder: Path
+    files: Annotated[list[Path], Keyword("minItems", 1)]
+    law: Annotated[Path, "The file to change"]
+    readme: Path
 
 
 @click.command("new")
@@ -26,7 +37,7 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*[a-z0-9]")
     default=Path(),
     help="The folder to make it in.  [default: the current one]",
 )
-@json_option("new-1")
+@json_option(NewResult)
 def command(name: str, path: Path, as_json: bool) -> None:
     """Make the package NAME: a sliding-mode controller to change into your own."""
     from ...templates import controller_package
@@ -54,6 +65,6 @@ def command(name: str, path: Path, as_json: bool) -> None:
         if not as_json:
             click.echo(file)
     if as_json:
-        write_json("new-1", {"folder": folder, "files": files, "law": law, "readme": readme})
+        write_json(NewResult(folder, files, law, readme))
     else:
         click.echo(f"next: see {readme}; the law is in {law}")

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
 
 import click
 
 from ...console.document import json_option, write_json
 from ...console.verbs import Verbs
+from ...plans.nodes import NODES, Parameter, parameters_of
+from ...results import Result
 from .live import apply, set_values
 from .show import show
+
+
+class ParamsResult(Result, document="params-1"):
+    """The document of ``trunk params``."""
+
+    nodes: Annotated[Mapping[str, Mapping[str, Parameter]], "Parameters by node"]
 
 
 class _Verb(Verbs):
@@ -21,7 +29,6 @@ class _Verb(Verbs):
         if verb is not None:
             return verb
         from ...errors import PlanError, did_you_mean
-        from ...plans.nodes import NODES
 
         if cmd_name not in NODES:
             if ctx.resilient_parsing:  # a shell completes
@@ -45,8 +52,6 @@ class _Verb(Verbs):
         """Complete commands, options and names of nodes."""
         from click.shell_completion import CompletionItem
 
-        from ...plans.nodes import NODES
-
         nodes = [CompletionItem(name) for name in NODES if name.startswith(incomplete)]
         return [*super().shell_complete(ctx, incomplete), *nodes]
 
@@ -55,7 +60,7 @@ def _listing_options(function: Any) -> Any:
     function = click.option("--markdown", "as_markdown", is_flag=True, help="Print Markdown.")(
         function
     )
-    return json_option("params-1")(function)
+    return json_option(ParamsResult)(function)
 
 
 @click.group(
@@ -72,8 +77,6 @@ def command(ctx: click.Context, as_json: bool, as_markdown: bool) -> None:
     The names are as --set takes them. show prints a parameter file; set and apply change a running node.
     """
     if ctx.invoked_subcommand is None:
-        from ...plans.nodes import NODES
-
         _list(list(NODES), as_json, as_markdown)
 
 
@@ -85,11 +88,10 @@ def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
     from trunk_msgs_util.parameters.declarations import listed
 
     from ...console.tables import print_table
-    from ...plans.nodes import NODES
     from .text import allowed_text, markdown_rows, markdown_table, short_text
 
     if as_json:
-        write_json("params-1", {"nodes": {name: _values(NODES[name].config) for name in nodes}})
+        write_json(ParamsResult({name: parameters_of(name) for name in nodes}))
         return
     for name in nodes:
         if as_markdown:
@@ -111,19 +113,3 @@ def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
             texts=4,
             sentences=True,
         )
-
-
-def _values(config: type[Any]) -> dict[str, Any]:
-    from trunk_msgs_util.parameters.declarations import listed
-
-    return {
-        d.name: {
-            "type": d.kind,
-            "default": d.default,
-            "unit": d.unit,
-            "allowed": d.allowed(),
-            "description": d.description,
-            "fixed": d.fixed,
-        }
-        for d in listed(config).values()
-    }

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
 import click
 
 from ...console.document import json_option, write_json
 from ...console.options import FiniteRange, names_or_files, nodes, parameter_files
-
-if TYPE_CHECKING:
-    from ...live.parameters import LiveChange
+from ...live.parameters import LiveChange
+from ...results import Result
 
 _TIMEOUT = FiniteRange(min=0.0, min_open=True, max=3600.0, unit="s")
+
+
+class ParamsApplyResult(Result, document="params-apply-1"):
+    """The document of ``trunk params apply``, set."""
+
+    node: str
+    applied: Annotated[bool, "false: --dry-run"]
+    changes: Sequence[LiveChange]
 
 
 def _live_options(function: Any) -> Any:
@@ -27,7 +34,7 @@ def _live_options(function: Any) -> Any:
             metavar="S",
             help="How long the node may take to be found, and to answer.",
         ),
-        json_option("params-apply-1"),
+        json_option(ParamsApplyResult),
         click.option("--namespace", default="", help="Namespace of the node, such as robot1."),
     ):
         function = option(function)
@@ -131,8 +138,7 @@ def set_values(
 def _say(node: str, changes: Sequence[LiveChange], dry_run: bool, as_json: bool) -> None:
     parent = click.get_current_context().parent
     if as_json or (parent is not None and parent.params["as_json"]):  # trunk params --json set
-        values = [change._asdict() for change in changes]
-        write_json("params-apply-1", {"node": node, "applied": not dry_run, "changes": values})
+        write_json(ParamsApplyResult(node, not dry_run, changes))
         return
     for change in changes:
         click.echo(str(change))

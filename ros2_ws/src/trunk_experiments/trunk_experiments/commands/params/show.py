@@ -2,33 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import click
 
+from trunk_msgs_util.parameters.declarations import Declaration
+
 from ...console.document import json_option, write_json
 from ...console.options import names_or_files, parameter_files
+from ...results import OMITTED, Keyword, Result
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.parameters.declarations import Declaration
     from trunk_msgs_util.parameters.files import Layer, Section
 
 
-class Shown(NamedTuple):
-    """One value of a file: the nodes it is for, as written there, and what declares it, if anything does."""
+class FileValue(NamedTuple):
+    """One value of a file, and what declares it, if anything does."""
 
-    nodes: str
+    nodes: Annotated[str, "As written there"]
     name: str
     value: object
-    source: str
-    declaration: Declaration | None
+    unit: Annotated[str, "Empty: none, or not declared"]
+    file: str
+    declaration: Annotated[Declaration | None, OMITTED]
+
+
+class ParamsShowResult(Result, document="params-show-1"):
+    """The document of ``trunk params show``."""
+
+    files: Annotated[Sequence[str], Keyword("minItems", 1), "Later ones win"]
+    values: Sequence[FileValue]
 
 
 @click.command("show")
 @click.argument("name", shell_complete=names_or_files(parameter_files))
-@json_option("params-show-1")
+@json_option(ParamsShowResult)
 def show(name: str, as_json: bool) -> None:
     """Print what a parameter file sets: paths, values, units, rule tables.
 
@@ -44,7 +54,7 @@ def show(name: str, as_json: bool) -> None:
     values = shown(layers)
     if as_json:
         files = [layer.source for layer in layers]
-        write_json("params-show-1", {"files": files, "values": _values(values)})
+        write_json(ParamsShowResult(files, values))
     else:
         _print(layers, values)
     try:
@@ -54,15 +64,16 @@ def show(name: str, as_json: bool) -> None:
     show_warnings(_refused(values))
 
 
-def shown(layers: Iterable[Layer]) -> list[Shown]:
+def shown(layers: Iterable[Layer]) -> list[FileValue]:
     """Return each value of some layers, the last one where several set the same for the same nodes."""
     values = {
-        (section.pattern, name): Shown(
-            section.pattern, name, value, layer.source, _declaration(section, name)
+        (section.pattern, name): FileValue(
+            section.pattern, name, value, known.unit if known else "", layer.source, known
         )
         for layer in layers
         for section in layer.sections
         for name, value in section.values.items()
+        for known in [_declaration(section, name)]
     }
     return list(values.values())
 
@@ -81,12 +92,12 @@ def _declaration(section: Section, name: str) -> Declaration | None:
     return None
 
 
-def _refused(values: Iterable[Shown]) -> Iterable[str]:
+def _refused(values: Iterable[FileValue]) -> Iterable[str]:
     from trunk_msgs_util.parameters.declarations import ParameterError, check
     from trunk_msgs_util.parameters.to_si import to_si
 
     values = list(values)
-    for nodes, name, value, source, declaration in values:
+    for nodes, name, value, _, source, declaration in values:
         if declaration is not None:
             # The parameter that chooses its unit may be in the same section.
             section = {other.name: other.value for other in values if other.nodes == nodes}
@@ -96,20 +107,7 @@ def _refused(values: Iterable[Shown]) -> Iterable[str]:
                 yield f"{source}: {nodes}: {error}"
 
 
-def _values(values: Iterable[Shown]) -> list[dict[str, object]]:
-    return [
-        {
-            "nodes": shown.nodes,
-            "name": shown.name,
-            "value": shown.value,
-            "unit": shown.declaration.unit if shown.declaration else "",
-            "file": shown.source,
-        }
-        for shown in values
-    ]
-
-
-def _print(layers: list[Layer], values: list[Shown]) -> None:
+def _print(layers: list[Layer], values: list[FileValue]) -> None:
     from trunk_control.rule_tables import axes_of, is_table
 
     from ...console.tables import print_table
@@ -121,7 +119,7 @@ def _print(layers: list[Layer], values: list[Shown]) -> None:
         for line in _head(Path(layer.source)):
             click.echo(f"  {line}")
     click.echo()
-    sections: dict[str, list[Shown]] = {}
+    sections: dict[str, list[FileValue]] = {}
     for shown in values:
         sections.setdefault(shown.nodes, []).append(shown)
     for nodes, section in sections.items():
@@ -129,7 +127,7 @@ def _print(layers: list[Layer], values: list[Shown]) -> None:
             (
                 shown.name,
                 value_text(shown.value),
-                shown.declaration.unit if shown.declaration else "",
+                shown.unit,
                 shown.declaration.description if shown.declaration else "",
             )
             for shown in section

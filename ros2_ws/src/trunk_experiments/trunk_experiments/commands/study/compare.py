@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from itertools import count
-from math import comb, isfinite
+from math import comb
 from pathlib import Path
+from typing import Annotated
 
 import click
 
@@ -15,16 +16,14 @@ from ...console.document import json_option, write_json
 from ...console.options import results_argument
 from ...console.progress import progress_bar
 from ...console.tables import csv_table, markdown_table, print_table
+from ...results import Result, members, values
 from ...study.compare import (
     FELL,
     RESAMPLES,
-    Estimate,
     Falls,
-    MeanDifference,
     MetricDistribution,
-    bins_of,
+    PairedDifference,
     compare_study,
-    counts_in,
     distributions,
     estimate_text,
     falls,
@@ -50,7 +49,7 @@ class Compared:
 
     falls: list[Falls]
     distributions: dict[str, list[MetricDistribution]]
-    differences: list[MeanDifference]
+    differences: list[PairedDifference]
 
     @classmethod
     def of(cls, results: Results) -> Compared:
@@ -67,9 +66,18 @@ class Compared:
             return cls(falls(results), distributions(results, done=done), differences)
 
 
+class CompareStudyResult(Result, document="compare-study-1"):
+    """The document of ``trunk study compare``."""
+
+    study: Annotated[Path, "The sweep's file"]
+    falls: Annotated[Sequence[Falls], "How often each controller fell"]
+    distributions: Annotated[Sequence[MetricDistribution], "Over the runs in which it stood"]
+    differences: Sequence[PairedDifference]
+
+
 @click.command("compare")
 @results_argument
-@json_option("compare-study-1")
+@json_option(CompareStudyResult)
 @click.option("--csv", "form", flag_value="csv", help="Print the differences as CSV.")
 @click.option("--markdown", "form", flag_value="markdown", help="Print Markdown tables.")
 @click.pass_context
@@ -82,7 +90,8 @@ def command(ctx: click.Context, results: Path, form: str | None, as_json: bool) 
         ctx.fail(f"--json and --{form}: give one of them")
     compared = Compared.of(Results.read(results))
     if as_json:
-        write_json("compare-study-1", {"study": results, **as_values(compared)})
+        spreads = [spread for group in compared.distributions.values() for spread in group]
+        write_json(CompareStudyResult(results, compared.falls, spreads, compared.differences))
         return
     if form == "csv":
         click.echo(_as_csv(compared.differences), nl=False)
@@ -95,60 +104,15 @@ def command(ctx: click.Context, results: Path, form: str | None, as_json: bool) 
             print_table(f"{results}: {title}" if number == 0 else title, header, rows)
 
 
-def as_values(compared: Compared) -> dict[str, object]:
-    """Return all of it as plain values; None for what does not exist."""
-    return {
-        "falls": [
-            {
-                "controller": fall.controller,
-                "fell": fall.fell,
-                "runs": fall.runs,
-                "refused": fall.refused,
-                "share": _estimate(fall.share),
-            }
-            for fall in compared.falls
-        ],
-        "distributions": [
-            {
-                "metric": metric,
-                "controller": spread.controller,
-                "stood": spread.stood,
-                "runs": len(spread.values),
-                "mean": _estimate(spread.mean),
-                "median": _estimate(spread.median),
-                "histogram": None
-                if edges is None
-                else {"edges": edges.tolist(), "counts": counts_in(spread.values, edges)},
-            }
-            for metric, spreads in compared.distributions.items()
-            for edges in [bins_of(spreads)]
-            for spread in spreads
-        ],
-        "differences": [difference_values(difference) for difference in compared.differences],
-    }
-
-
-def difference_values(difference: MeanDifference) -> dict[str, object]:
-    """Return a difference as plain values; None for what does not exist."""
-    values = {
-        name: None if isinstance(value, float) and not isfinite(value) else value
-        for name, value in asdict(difference).items()
-    }
-    return {**values, "verdict": difference.verdict}
-
-
-def _estimate(estimate: Estimate) -> dict[str, float | None]:
-    return {name: value if isfinite(value) else None for name, value in estimate._asdict().items()}
-
-
-def _as_csv(differences: Sequence[MeanDifference]) -> str:
-    names = (*(field.name for field in fields(MeanDifference)), "verdict")
-    return csv_table(names, (tuple(difference_values(d).values()) for d in differences))
+def _as_csv(differences: Sequence[PairedDifference]) -> str:
+    return csv_table(
+        tuple(members(PairedDifference)), (tuple(values(d).values()) for d in differences)
+    )
 
 
 def _tables(compared: Compared) -> list[tuple[str, Row, list[Row]]]:
     """Return titles, headers and rows."""
-    by_metric: dict[str, list[MeanDifference]] = {}
+    by_metric: dict[str, list[PairedDifference]] = {}
     for difference in compared.differences:
         if difference.metric != FELL:
             by_metric.setdefault(difference.metric, []).append(difference)
@@ -198,18 +162,21 @@ def _cells(spread: MetricDistribution) -> Row:
     return spread.controller, spread.of_stood, mean, median
 
 
-def _pair(d: MeanDifference) -> Row:
+def _pair(d: PairedDifference) -> Row:
     mean = estimate_text(d.mean_with_bounds)
     smaller = d.smaller_one or _UNSHOWN.get(d.verdict, "not shown")
     return f"{d.first} - {d.second}", f"{d.left_out}/{d.left_out + d.pairs}", mean, smaller
 
 
 def _histograms(spreads: list[MetricDistribution]) -> list[Row]:
-    edges = bins_of(spreads)
-    if edges is None:
-        return [(spread.controller, "", "none", "") for spread in spreads]
-    low, high = number_text(float(edges[0])), number_text(float(edges[-1]))
-    return [(s.controller, low, _bars(counts_in(s.values, edges)), high) for s in spreads]
+    rows: list[Row] = []
+    for spread in spreads:
+        low, bars, high = "", "none", ""
+        if spread.histogram is not None:
+            edges, counts = spread.histogram
+            low, bars, high = number_text(edges[0]), _bars(counts), number_text(edges[-1])
+        rows.append((spread.controller, low, bars, high))
+    return rows
 
 
 def _bars(counts: Sequence[int]) -> str:

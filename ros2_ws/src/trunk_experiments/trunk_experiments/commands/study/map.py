@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -14,11 +12,6 @@ from ...console.options import results_argument
 from ...console.outputs import check_output, output_options
 from ...console.progress import progress_bar
 from ...errors import PlanError
-
-if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_table import Floats
-
-    from ...study.map import MapPanel
 
 
 @click.command("map")
@@ -40,7 +33,7 @@ if TYPE_CHECKING:
     help="The column to show as colour.",
 )
 @click.option("--no-floquet", is_flag=True, help="Leave out the line of the Floquet multipliers.")
-@json_option("map-1")
+@json_option("study.map:MapResult")
 def command(
     results: Path,
     output: Path | None,
@@ -56,7 +49,7 @@ def command(
     Grey, or a cross: more than half of the draws fell. Floquet multipliers are those of the loop linearised
     about the upright trunk, with the hip driven at its initial speed and no torque limit.
     """
-    from ...study.map import draw, draw_curves, panels
+    from ...study.map import MapResult, draw, draw_curves, panels
     from ...study.results import Results
     from ...views.plots import SUFFIXES, save
 
@@ -73,34 +66,10 @@ def command(
         picture = draw(drawn, metric, axes, read.study, title)
     save(picture, target)
     if as_json:
-        values = {
-            "results": results,
-            "output": target,
-            "runs": len(read.table),
-            "metric": metric,
-            "x": axes[0],
-            "y": axes[1] if len(axes) > 1 else None,
-            "panels": [panel_values(panel) for panel in drawn],
-        }
-        write_json("map-1", values)
+        x, y = axes[0], axes[1] if len(axes) > 1 else None
+        write_json(MapResult(results, target, len(read.table), metric, x, y, drawn))
         return
     click.echo(f"{target}: {len(drawn)} controllers over {' and '.join(axes)}")
-
-
-def panel_values(panel: MapPanel) -> dict[str, object]:
-    """Return a panel as plain values: rows along y, columns along x; None where no run has a value."""
-    return {
-        "controller": panel.controller,
-        "x": panel.x.tolist(),
-        "y": panel.y.tolist(),
-        "values": _rows(panel.values),
-        "fallen": _rows(panel.fallen),
-        "growth": None if panel.growth is None else _rows(panel.growth),
-    }
-
-
-def _rows(values: Floats) -> list[list[float | None]]:
-    return [[None if isnan(value) else value for value in row] for row in values.tolist()]
 
 
 def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from ...console.outputs import check_output, output_options
 @click.option(
     "--no-floquet", is_flag=True, help="Leave out the map's line of the Floquet multipliers."
 )
-@json_option("study-report-1")
+@json_option("study.report:StudyReportResult")
 def command(
     results: Path,
     output: Path | None,
@@ -39,7 +39,7 @@ def command(
     from trunk_msgs_util.files import atomic_write
 
     from ...console.progress import progress_bar
-    from ...study.report import make_report, render
+    from ...study.report import StudyReportResult, make_report, render
     from ...study.results import Results
 
     target = output or results.with_suffix(".html")
@@ -51,23 +51,6 @@ def command(
     with atomic_write(target) as part:
         part.write_bytes(page)
     if as_json:
-        values = {
-            "results": results,
-            "output": target,
-            "bytes": len(page),
-            "runs": report.runs,
-            "worst": [
-                {
-                    "run": run.run,
-                    "controller": run.controller,
-                    "fell": run.fell,
-                    "ended": run.ended,
-                    "value": run.value,
-                    "command": command,
-                }
-                for run, command in report.worst
-            ],
-        }
-        write_json("study-report-1", values)
+        write_json(StudyReportResult(results, target, len(page), report.runs, report.worst))
         return
     click.echo(f"{target}: {report.runs} runs, {len(page) / 1e6:.1f} MB")

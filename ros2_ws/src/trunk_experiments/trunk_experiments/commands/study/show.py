@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Annotated, Literal
 
 import click
 
+from ...analysis.metrics import Metrics
 from ...console.document import json_option, write_json
 from ...console.options import results_argument
 from ...console.outputs import check_output, output_options
+from ...console.reading import WrittenResult, about_written
 from ...console.terminal import line_of
 from ...errors import PlanError
+from ...results import Count
 
 _LONG = 100_000  # states, which take seconds
+
+
+class StudyShowResult(WrittenResult, document="study-show-1"):
+    """The document of ``trunk study show``."""
+
+    study: Annotated[Path, "The sweep's file"]
+    run: Count
+    controller: str
+    point: Annotated[Count, "Of the grid"]
+    draw: Count
+    varied: Annotated[Mapping[str, float | str | bool], "The study's entries in this run, by name"]
+    status: Literal["ok", "diverged"]
+    failure: Annotated[str | None, "Where the plant diverged; null: it did not"]
+    metrics: Annotated[Metrics | None, "Those of the row, bit by bit; null: it diverged"]
+    report: Annotated[Path | None, "The report on the run; null: not asked for"]
 
 
 @click.command("show")
@@ -32,7 +52,7 @@ _LONG = 100_000  # states, which take seconds
     metavar="FILE.html",
     help="Also write a report on the run.",
 )
-@json_option("study-show-1")
+@json_option(StudyShowResult)
 def command(
     results: Path,
     number: int,
@@ -46,7 +66,6 @@ def command(
     Its metrics equal its row bit for bit; otherwise nothing is written, and the error says what differs.
     """
     from ...console.progress import progress_bar
-    from ...console.reading import written_values
     from ...study.results import METRICS, Results, record_again, study_run
 
     check_output(output, (".mcap",), force, [results])
@@ -58,23 +77,23 @@ def command(
     with progress_bar(f"simulating run {number}", _LONG) as tell:
         diverged = record_again(run, output, force, tell)
     size = None if report is None else _write_report(output, report)
-    written = written_values(output)
+    written = about_written(output)
     controller = str(run.row["controller"])
     if as_json:
-        values = {
-            **written,
-            "study": results,
-            "run": number,
-            "controller": controller,
-            "point": run.row["point"],
-            "draw": run.row["draw"],
-            "varied": run.varied,
-            "status": run.row["status"],
-            "failure": None if diverged is None else line_of(diverged),
-            "metrics": None if diverged else {name: run.row[name] for name in METRICS},
-            "report": report,
-        }
-        write_json("study-show-1", values)
+        result = StudyShowResult(
+            **vars(written),
+            study=results,
+            run=number,
+            controller=controller,
+            point=run.row["point"],
+            draw=run.row["draw"],
+            varied=run.varied,
+            status=run.row["status"],
+            failure=None if diverged is None else line_of(diverged),
+            metrics=None if diverged else Metrics(**{name: run.row[name] for name in METRICS}),
+            report=report,
+        )
+        write_json(result)
         return
     if diverged is not None:
         click.echo(f"diverged, as in the sweep: {line_of(diverged)}")
@@ -84,7 +103,7 @@ def command(
 
     study = run.results.study
     drawn = ", ".join(f"{name} {shown(study, name, value)}" for name, value in run.varied.items())
-    click.echo(f"{output}: run {number}, {controller}, {written['states']} states; {drawn}")
+    click.echo(f"{output}: run {number}, {controller}, {written.states} states; {drawn}")
     if diverged is None:
         click.echo(f"{output}: the metrics equal the row in {results}, bit for bit")
     if size is not None:

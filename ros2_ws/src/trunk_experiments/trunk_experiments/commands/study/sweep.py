@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import click
 
@@ -17,6 +17,7 @@ from ...console.progress import progress_bar
 from ...console.tables import print_table
 from ...console.terminal import show_warnings
 from ...errors import PlanError
+from ...results import Count, Result
 
 if TYPE_CHECKING:
     from ...batch.kernel import OnDevice
@@ -26,6 +27,24 @@ if TYPE_CHECKING:
 
 _METRICS = ("iae", "effort", "peak_torque")  # of --sobol
 _HEADER = ("parameter", "first order [95 %]", "total [95 %]")
+
+
+class SweptRuns(NamedTuple):
+    """How many runs ended how."""
+
+    ok: Count
+    diverged: Count
+    refused: Count
+
+
+class SweepResult(Result, document="sweep-1"):
+    """The document of ``trunk sweep``."""
+
+    study: str
+    output: Annotated[Path | None, "null: --check"]
+    runs: Count
+    blocks: Count
+    outcomes: Annotated[SweptRuns | None, "How many runs ended how; null: --check"]
 
 
 @click.command("sweep")
@@ -56,7 +75,7 @@ _HEADER = ("parameter", "first order [95 %]", "total [95 %]")
     multiple=True,
     help=f"With --sobol: a metric; repeatable. Falls always come first.  [default: {', '.join(_METRICS)}]",
 )
-@json_option("sweep-1", "study-sensitivity-1")
+@json_option(SweepResult, "study.sensitivity:SensitivityResult")
 def command(
     study: str,
     output: Path | None,
@@ -103,14 +122,11 @@ def command(
         outcomes = run_sweep(sweep, jobs, scheduler, device)
         line = ended(sweep, outcomes)
     if as_json:
-        values = {
-            "study": study,
-            "output": None if check else output,
-            "runs": sweep.study.total,
-            "blocks": sweep.blocks,
-            "outcomes": outcomes,
-        }
-        write_json("sweep-1", values)
+        written, ends = (
+            None if check else output,
+            None if outcomes is None else SweptRuns(**outcomes),
+        )
+        write_json(SweepResult(study, written, sweep.study.total, sweep.blocks, ends))
     else:
         click.echo(line)
 
@@ -184,7 +200,7 @@ def _print_indices(
     study: str, n: int, metrics: tuple[str, ...], jobs: int | None, device: str, as_json: bool
 ) -> None:
     from ...study.rows import make_bases
-    from ...study.sensitivity import check_sensitivity, sensitivities, total_runs
+    from ...study.sensitivity import SensitivityResult, check_sensitivity, sensitivities, total_runs
     from ...study.study import read_study
 
     check_device(device, jobs)
@@ -200,33 +216,11 @@ def _print_indices(
         results = sensitivities(read, bases, n, wanted, runner, tell)
     show_warnings(maker.remarks() if maker else [])
     if as_json:
-        values = {
-            "study": study,
-            "n": n,
-            "runs": runs,
-            "indices": [as_values(result) for result in results],
-        }
-        write_json("study-sensitivity-1", values)
+        write_json(SensitivityResult(study, n, runs, results))
         return
     click.echo(f"{study}: {runs} runs, n = {n}\n")
     for result in results:
         _show(result)
-
-
-def as_values(result: Sensitivity) -> dict[str, object]:
-    """Return one metric's indices as plain values."""
-    return {
-        "controller": result.controller,
-        "metric": result.metric,
-        "runs": result.runs,
-        "fell": result.fell,
-        "filled": result.filled,
-        "doubtful": result.doubtful,
-        "parameters": [
-            {"name": i.parameter, "first": i.first._asdict(), "total": i.total._asdict()}
-            for i in result.indices
-        ],
-    }
 
 
 def _show(result: Sensitivity) -> None:
@@ -240,10 +234,10 @@ def _show(result: Sensitivity) -> None:
         title += f" ({result.filled} of {result.runs} runs have none and count as the worst)"
     if result.doubtful:
         title += ": doubtful"
-    if not result.indices:
+    if not result.parameters:
         click.echo(f"{title}: the same in all runs: no parameter matters\n")
         return
-    rows = [(i.parameter, _text(i.first), _text(i.total)) for i in result.indices]
+    rows = [(i.name, _text(i.first), _text(i.total)) for i in result.parameters]
     print_table(title, _HEADER, rows)
 
 

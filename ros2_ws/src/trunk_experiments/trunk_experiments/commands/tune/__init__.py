@@ -36,7 +36,7 @@ def _options(function: Any) -> Any:
     options = [
         output_options("The ROS 2 parameter file to write, for --params or --params-file."),
         loop_options,
-        json_option("tune-1"),
+        json_option("commands.tune.document:TuneResult"),
     ]
     for option in reversed(options):
         function = option(function)
@@ -143,7 +143,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
         show_relay(oscillation)
     gains = ziegler_nichols(oscillation.gain, oscillation.period)
     drive = replace(plan.simulator, actuator_time_constant=lag, viscous_friction=damping)
-    finish(replace(plan, simulator=drive), gains, options, how={"relay": oscillation._asdict()})
+    finish(replace(plan, simulator=drive), gains, options, how={"relay": oscillation})
 
 
 @command.command("optimise")
@@ -187,6 +187,7 @@ def optimise_command(
     rule tables, symmetric in e and its rate; for any other controller, all of its own numbers.
     """
     from ...tuning.search import search
+    from .document import SearchResult
 
     _check(options)
     searched = {
@@ -211,18 +212,11 @@ def optimise_command(
         )
     if not options["as_json"]:
         click.echo(
-            f"{metric}, mean over {', '.join(scenarios)}: {optimum.start_cost:.6g} before, "
-            f"{optimum.cost:.6g} after {optimum.runs} runs (seed {seed})"
+            f"{metric}, mean over {', '.join(scenarios)}: {optimum.before:.6g} before, "
+            f"{optimum.after:.6g} after {optimum.runs} runs (seed {seed})"
         )
-    search_values = {
-        "metric": metric,
-        "scenarios": scenarios,
-        "before": optimum.start_cost,
-        "after": optimum.cost,
-        "runs": optimum.runs,
-        "seed": seed,
-    }
-    finish_values(plan(scenarios[0]), optimum.values, options, how={"search": search_values})
+    outcome = SearchResult(metric, scenarios, optimum.before, optimum.after, optimum.runs, seed)
+    finish_values(plan(scenarios[0]), optimum.values, options, how={"search": outcome})
 
 
 def _check_alone(ctx: click.Context) -> None:
@@ -245,7 +239,8 @@ def _learn(
     """Search on a study's draws; print and write what it gave, with what it does on other draws."""
     from ...study.learning import learn
     from ...study.study import read_study
-    from .learned import as_values, show
+    from .document import SearchResult
+    from .learned import show, study_result
 
     study = read_study(name)
     other = study.seed + 1 if held_out_seed is None else held_out_seed
@@ -260,22 +255,14 @@ def _learn(
     metric, seed = searched["metric"], searched["seed"]
     if not options["as_json"]:
         click.echo(
-            f"{metric}, mean over {study.runs} draws of {name}, a fall as {learned.fall:.4g}: "
+            f"{metric}, mean over {study.runs} draws of {name}, a fall as {learned.fall_costs:.4g}: "
             f"{learned.before:.6g} before, {learned.after:.6g} after {learned.runs} runs (seed {seed})"
         )
         show(learned, metric, other)
-    search_values = {
-        "metric": metric,
-        "scenarios": [learned.plan.scenario],
-        "before": learned.before,
-        "after": learned.after,
-        "runs": learned.runs,
-        "seed": seed,
-    }
-    how: dict[str, object] = {
-        "search": search_values,
-        "study": as_values(learned, name, metric, other),
-    }
+    outcome = SearchResult(
+        metric, [learned.plan.scenario], learned.before, learned.after, learned.runs, seed
+    )
+    how = {"search": outcome, "study": study_result(learned, name, metric, other)}
     finish_values(learned.plan, learned.values, options, how=how)
 
 

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Any
 
 from ...console.tables import print_table
-from ...study.compare import Estimate, MeanDifference, estimate_text, number_text, percent
-from ...study.learning import DrawnRuns, LearningOutcome
+from ...study.compare import PairedDifference, estimate_text, number_text, percent
+from ...study.learning import Learned
+from .document import LearnedDifference, StudySearchResult
 
 
-def differences(learned: LearningOutcome, metric: str) -> list[MeanDifference]:
+def differences(learned: Learned, metric: str) -> list[PairedDifference]:
     """Return the learned parameters' metric minus that of each other contender, held-out draws."""
     _, new, *_ = learned.held_out
     return [new.less(other, metric) for other in learned.held_out if other is not new]
 
 
-def show(learned: LearningOutcome, metric: str, seed: int) -> None:
+def show(learned: Learned, metric: str, seed: int) -> None:
     """Print falls, means and paired differences."""
     rows = []
-    for draws, outcomes in (("searched", learned.trained), (f"seed {seed}", learned.held_out)):
+    for draws, outcomes in (("searched", learned.searched), (f"seed {seed}", learned.held_out)):
         for o in outcomes:
             share = f"{percent(o.share.value)} [{percent(o.share.low)}…{percent(o.share.high)}]"
             mean = number_text(o.mean) if isfinite(o.mean) else ""
-            rows.append((o.label, draws, f"{o.fell} of {len(o.metric)}", share, mean))
+            rows.append((o.controller, draws, f"{o.fell} of {o.runs}", share, mean))
     print_table(
         "falls with Wilson's intervals, and the mean over the runs that stood",
         ("controller", "draws", "fell", "share", metric),
@@ -40,36 +40,12 @@ def show(learned: LearningOutcome, metric: str, seed: int) -> None:
     )
 
 
-def as_values(learned: LearningOutcome, source: str, metric: str, seed: int) -> dict[str, Any]:
-    """Return the same as plain values; None for what does not exist."""
-    return {
-        "file": source,
-        "fall_costs": learned.fall,
-        "held_out_seed": seed,
-        "searched": [_outcome(o) for o in learned.trained],
-        "held_out": [_outcome(o) for o in learned.held_out],
-        "differences": [
-            {
-                "other": d.second,
-                "pairs": d.pairs,
-                "mean": _estimate(d.mean_with_bounds),
-                "verdict": d.verdict,
-            }
-            for d in differences(learned, metric)
-        ],
-    }
-
-
-def _outcome(o: DrawnRuns) -> dict[str, Any]:
-    mean = o.mean if isfinite(o.mean) else None
-    return {
-        "controller": o.label,
-        "fell": o.fell,
-        "runs": len(o.metric),
-        "share": _estimate(o.share),
-        "mean": mean,
-    }
-
-
-def _estimate(estimate: Estimate) -> dict[str, float | None]:
-    return {name: value if isfinite(value) else None for name, value in estimate._asdict().items()}
+def study_result(learned: Learned, source: str, metric: str, seed: int) -> StudySearchResult:
+    """Return the same for the document."""
+    rows = [
+        LearnedDifference(d.second, d.pairs, d.mean_with_bounds, d.verdict)
+        for d in differences(learned, metric)
+    ]
+    return StudySearchResult(
+        source, learned.fall_costs, seed, learned.searched, learned.held_out, rows
+    )

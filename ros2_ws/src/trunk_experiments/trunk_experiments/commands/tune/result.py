@@ -21,7 +21,7 @@ from ...plans.plan import RunPlan
 from ..margins import margin_warnings, print_margins
 
 if TYPE_CHECKING:
-    from ...tuning.methods import Ultimate
+    from ...tuning.methods import Relay
 
 
 def finish(
@@ -29,7 +29,7 @@ def finish(
     gains: Gains,
     options: dict[str, Any],
     others: dict[str, Value] | None = None,
-    how: dict[str, object] | None = None,
+    how: dict[str, Any] | None = None,
 ) -> None:
     """Do as `finish_values` with the gains of a PID, and ``others``."""
     values: dict[str, Value] = {f"gains.{n}": getattr(gains, n) for n in "pid"}
@@ -40,7 +40,7 @@ def finish_values(
     plan: RunPlan,
     values: dict[str, Value],
     options: dict[str, Any],
-    how: dict[str, object] | None = None,
+    how: dict[str, Any] | None = None,
 ) -> None:
     """Print the gains and their margins and write the file; refuse what the node would refuse.
 
@@ -60,16 +60,10 @@ def finish_values(
         write(options["output"], {name: values})
     if options["as_json"]:
         show_warnings(margin_warnings(tuned, margins))
-        document = {
-            "controller": name,
-            "output": options["output"],
-            "parameters": values,
-            "update_rate_hz": plan.controller.update_rate,
-            "margins": [row.as_values() for row in margins],
-        }
-        write_json(
-            "tune-1", {**document, "relay": None, "search": None, "study": None, **(how or {})}
-        )
+        from .document import TuneResult
+
+        rate = plan.controller.update_rate
+        write_json(TuneResult(name, options["output"], values, rate, margins, **(how or {})))
         return
     before = values_of(plan.controller)
     axes = config.axes if isinstance(config, RuleBaseConfig) else None
@@ -97,14 +91,14 @@ def finish_values(
         click.echo(f"{options['output']}: for --params, or ros2 run … --ros-args --params-file")
 
 
-def show_relay(ultimate: Ultimate) -> None:
+def show_relay(experiment: Relay) -> None:
     """Print a relay experiment as a table."""
     print_table(
         "relay experiment",
         ("quantity", "relay", "Routh", "unit"),
         [
-            ("Ku", f"{ultimate.gain:.5g}", f"{ultimate.exact_gain:.5g}", "N m/rad"),
-            ("Tu", f"{ultimate.period:.5g}", f"{ultimate.exact_period:.5g}", "s"),
-            ("amplitude", f"{ultimate.amplitude:.5g}", "", "rad"),
+            ("Ku", f"{experiment.gain:.5g}", f"{experiment.exact_gain:.5g}", "N m/rad"),
+            ("Tu", f"{experiment.period:.5g}", f"{experiment.exact_period:.5g}", "s"),
+            ("amplitude", f"{experiment.amplitude:.5g}", "", "rad"),
         ],
     )

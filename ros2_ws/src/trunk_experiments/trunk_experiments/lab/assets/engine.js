@@ -138,7 +138,7 @@ class Engine {
     });
   }
 
-  // { values: {metric: number, null where it is not defined}, failure: "" or why there are none }
+  // { values: {metric: number, null where it is not defined, infinite: never}, failure: "" or why there are none }
   metrics() {
     const { lab, width, count } = this;
     if (!count) return { values: {}, failure: "metrics need at least one state; the run has none" };
@@ -150,7 +150,7 @@ class Engine {
     }
     const numbers = this.#doubles(this.#code.metrics(), lab.metrics.length);
     const values = Object.fromEntries(lab.metrics.map((key, i) => [key, Number.isNaN(numbers[i]) ? null : numbers[i]]));
-    const large = lab.metrics.find((key) => values[key] !== null && !Number.isFinite(values[key]));
+    const large = lab.metrics.find((key) => values[key] !== null && !Number.isFinite(values[key]) && !key.startsWith("settling"));
     return large ? { values: {}, failure: `${large} is too large for a floating-point number: no metrics` } : { values, failure: "" };
   }
 

@@ -34,11 +34,6 @@
     else if (Math.abs(run.plant.value("theta", last)) > Math.PI / 2) bad.push(`BEYOND 90 degrees: it ends at ${degrees(last)}`);
     return bad;
   };
-  const hasLevel = ({ control, plant }) => {
-    const reference = control.columns.get("reference").subarray(0, control.count);
-    const since = reference.findLastIndex((value, k) => k > 0 && value !== reference[k - 1]);
-    return since < 0 || plant.last - control.t[since] >= 1 - 1e-9;
-  };
   // As `trunk compare`: what makes the runs' tasks different, and of each number the smallest magnitude.
   const tasks = () => {
     const stages = [{ ...wire.setup, branch: null }, wire.setup];
@@ -98,12 +93,12 @@
     if (failed.includes(true)) add("no numbers", measured.map(({ failure }) => failure), failed);
     const sound = doubts.map(({ length }) => !length && !differing.length);
     for (const [key, [label, unit, judged]] of Object.entries(lab.quantities)) {
-      const best = judged ? bestOf(measured.map(({ values }, i) => (sound[i] ? values[key] : null))) : [];
+      const best = judged ? bestOf(measured.map(({ values }, i) => (sound[i] && values[key] !== Infinity ? values[key] : null))) : [];
       add(`${label}, ${unit}`, measured.map(({ values }, i) => {
         const value = values[key];
         if (value === undefined || diverged[i]) return "–"; // numbers of a part say nothing of the whole
-        if (value !== null) return showNumber(value, 6);
-        return key.startsWith("settling") && hasLevel(runs[i]) ? "never" : "not defined";
+        if (value === null) return "not defined";
+        return value === Infinity ? "never" : showNumber(value, 6);
       }), [], best);
     }
     at("numbers-rows").replaceChildren(...rows);

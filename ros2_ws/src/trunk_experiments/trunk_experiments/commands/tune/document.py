@@ -1,0 +1,56 @@
+"""The document of ``trunk tune``; it imports every method."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+from ...results import Count, Result
+from ...study.compare import DrawnRuns, Estimate
+from ...tuning.margins import LoopMargins
+from ...tuning.methods import Relay
+
+
+class SearchResult(NamedTuple):
+    """The metric's mean before and after a search."""
+
+    metric: str
+    scenarios: Sequence[str]
+    before: float
+    after: float
+    runs: Count
+    seed: Count
+
+
+class LearnedDifference(NamedTuple):
+    """A metric of the learned parameters minus that of others, on held-out draws where both stood."""
+
+    other: str
+    pairs: Count
+    mean: Estimate
+    verdict: str
+
+
+class StudySearchResult(NamedTuple):
+    """A search on draws of a study, judged on others."""
+
+    file: str
+    fall_costs: Annotated[float, "Of a fall"]
+    held_out_seed: Count
+    searched: Sequence[DrawnRuns]
+    held_out: Sequence[DrawnRuns]
+    differences: Sequence[LearnedDifference]
+
+
+class TuneResult(Result, document="tune-1"):
+    """The document of ``trunk tune METHOD``."""
+
+    controller: str
+    output: Annotated[Path | None, "The parameter file; null: none asked for"]
+    parameters: Mapping[str, object]
+    update_rate_hz: float
+    margins: Annotated[Sequence[LoopMargins], "About the upright; also at corners of a gain box"]
+    relay: Annotated[Relay | None, "tune relay: Ku in N m/rad, Tu in s, rad"] = None
+    search: Annotated[SearchResult | None, "tune optimise: the metric's mean"] = None
+    study: Annotated[StudySearchResult | None, "tune optimise --study: also on other draws"] = None
