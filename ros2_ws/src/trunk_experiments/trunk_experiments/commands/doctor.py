@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,7 @@ from ..replay.doubts import RecordingResult, about
 FINE, FINDINGS = 0, 1
 
 
+@dataclass(frozen=True)
 class DoctorResult(RecordingResult, document="doctor-1"):
     """The document of ``trunk doctor``."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,7 @@ from ..console.verbs import Verbs
 from ..results import Keyword, Result
 
 
+@dataclass(frozen=True)
 class FitPathResult(Result, document="fit-path-1"):
     """The document of ``trunk fit path``."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -37,6 +38,7 @@ class TopicContent(NamedTuple):
     bytes: Annotated[Count | None, "null: messages differ in size, and not all were read"]
 
 
+@dataclass(frozen=True)
 class InfoResult(RecordingResult, document="info-1"):
     """The document of ``trunk info``."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,6 +24,7 @@ from ..runs.external import connection_lines
 from ..runs.launching import launch_nodes
 
 
+@dataclass(frozen=True)
 class NodesResult(PlanResult, OutputResult, document="plan-1"):
     """The document of ``trunk plan``."""
 

@@ -10,6 +10,7 @@ import time
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
@@ -61,6 +62,7 @@ def page_options(function: Any) -> Any:
     return function
 
 
+@dataclass(frozen=True)
 class PageResult(Result, document="page-1"):
     """The document of ``trunk live``, trunk watch."""
 

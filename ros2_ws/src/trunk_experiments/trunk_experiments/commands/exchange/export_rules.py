@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,6 +20,7 @@ from ...errors import PlanError
 from ...results import Keyword, Result
 
 
+@dataclass(frozen=True)
 class ExportRulesResult(Result, document="export-fuzzy-1"):
     """The document of ``trunk export fuzzy``."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -43,6 +44,7 @@ class ImportedDeviation(NamedTuple):
     rate: float
 
 
+@dataclass(frozen=True)
 class ImportRulesResult(Result, document="import-fuzzy-1"):
     """The document of ``trunk import fuzzy``."""
 
