@@ -133,4 +133,4 @@ def test_in_a_long_real_time_run_a_pulse_may_begin_and_end_late(
     recording = record_real_time(plan, tmp_path / "run.mcap", inputs)
     verdict = verify(recording)
     assert verdict.exit_code == VERIFIED, verdict.reasons
-    assert late_steps(RecordedRun(recording)).late == 799
+    assert late_steps(RecordedRun(recording)).steps == 799

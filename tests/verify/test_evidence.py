@@ -572,7 +572,7 @@ def test_a_run_in_which_nobody_controlled_says_so_first(tmp_path, held, says):
     recording = record_real_time(plan, tmp_path / "run.mcap", inputs)
     doubts = doubts_of(RecordedRun(recording), twin=False)
     assert doubts.lines[:1] == ([says] if says else doubts.lines[:1])
-    assert doubts.silent == says
+    assert doubts.silent == (says or None)
     assert (says.removeprefix("SILENT: ") in verify(recording).obstacles) == bool(says)
 
 

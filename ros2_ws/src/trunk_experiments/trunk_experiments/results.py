@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import cache
 from html import escape
 from inspect import get_annotations
 from math import inf, isfinite, isnan
 from pathlib import Path
 from typing import (
-    TYPE_CHECKING,
     Annotated,
     Any,
     ClassVar,
@@ -29,15 +28,6 @@ from typing import (
 )
 
 from trunk_msgs_util.text import printable
-
-if TYPE_CHECKING:
-    from typing_extensions import dataclass_transform
-else:
-
-    def dataclass_transform(**_: object) -> Any:
-        """Return a decorator that leaves a class as it is: type checkers know it by its name."""
-        return lambda kind: kind
-
 
 OMITTED = object()  # of a field: it is not in the document
 ALSO = object()  # of what a property returns: it is in the document, after the fields
@@ -91,7 +81,6 @@ _REAL = {"anyOf": [{"type": "number"}, {"enum": ["NaN", "Infinity", "-Infinity"]
 _TYPES = {bool: "boolean", int: "integer", str: "string", Path: "string", type(None): "null"}
 
 
-@dataclass_transform(frozen_default=True)
 class Result:
     """What a verb prints with ``--json``; ``document``: its name and version, such as ``metrics-1``.
 
@@ -101,7 +90,6 @@ class Result:
     document: ClassVar[str]
 
     def __init_subclass__(cls, document: str = "") -> None:
-        dataclass(frozen=True)(cls)
         if document:
             cls.document = document
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,6 +30,7 @@ _LONG = 100_000  # states, which take seconds
 _NAME = 120  # characters of a file's name
 
 
+@dataclass(frozen=True)
 class BranchedRun(WrittenResult):
     """A branch that was written."""
 
@@ -37,6 +39,7 @@ class BranchedRun(WrittenResult):
     failure: Annotated[str | None, "Why the branch ended before its end; null if it did not"]
 
 
+@dataclass(frozen=True)
 class BranchResult(Result, document="branch-1"):
     """The document of ``trunk branch RUN``."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -39,6 +40,7 @@ class ComparedMetric(NamedTuple):
     best: Annotated[Sequence[str], "Names of runs; a doubtful one never"]
 
 
+@dataclass(frozen=True)
 class CompareResult(Result, document="compare-1"):
     """The document of ``trunk compare RUN...``."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -16,6 +17,7 @@ from ..replay.doubts import RecordingResult, about
 from ..results import Count, Result
 
 
+@dataclass(frozen=True)
 class DiffResult(Result, document="diff-1"):
     """The document of ``trunk diff A B``."""
 

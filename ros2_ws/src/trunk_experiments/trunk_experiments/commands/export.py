@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -29,6 +30,7 @@ class ExportedFile(NamedTuple):
     messages: Annotated[Count | None, "Of an MCAP file; null for others"]
 
 
+@dataclass(frozen=True)
 class ExportResult(RecordingResult, document="export-1"):
     """The document of ``trunk export``."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +32,7 @@ _DIGEST = Keyword("pattern", "^[0-9a-f]{16}$")
 _SOME = Keyword("minimum", 1)
 
 
+@dataclass(frozen=True)
 class ExportCResult(Result, document="export-c-1"):
     """The document of ``trunk export-c``."""
 

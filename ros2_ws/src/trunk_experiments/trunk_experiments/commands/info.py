@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -39,6 +40,7 @@ class TopicContent(NamedTuple):
     bytes: Annotated[Count | None, "null: messages differ in size, and not all were read"]
 
 
+@dataclass(frozen=True)
 class InfoResult(RecordingResult, document="info-1"):
     """The document of ``trunk info``."""
 
@@ -149,6 +151,7 @@ def _state(content: InfoResult) -> str:
     return "complete by its index; --check reads the content"
 
 
+@dataclass(frozen=True)
 class DoctorResult(RecordingResult, document="doctor-1"):
     """The document of ``trunk info --check``."""
 

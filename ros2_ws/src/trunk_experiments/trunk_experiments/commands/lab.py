@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,6 +25,7 @@ _OF_SEVERAL = (
 )
 
 
+@dataclass(frozen=True)
 class LabResult(Result, document="export-web-1"):
     """The document of ``trunk lab``."""
 

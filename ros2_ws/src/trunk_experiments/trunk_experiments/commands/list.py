@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -29,6 +29,7 @@ UNJUDGED = "unjudged"  # not recomputed here, whoever verified it before
 _REFUTED = ("diverges", "not signed")  # words of a verdict
 
 
+@dataclass(frozen=True)
 class ListedRun(RecordingResult):
     """A recording in a folder."""
 
@@ -52,18 +53,21 @@ class ListedRun(RecordingResult):
         return UNJUDGED if self.doubts is None else self.doubts.judged or UNJUDGED
 
 
+@dataclass(frozen=True)
 class ListRunsResult(Result, document="list-runs-1"):
     """The document of ``trunk list runs``."""
 
     runs: Annotated[Sequence[ListedRun], "The newest first"]
 
 
+@dataclass(frozen=True)
 class ListFilesResult(Result, document="list-files-1"):
     """The document of ``trunk list scenarios``, files, studies."""
 
     files: Annotated[Mapping[str, Path], "Path by name"]
 
 
+@dataclass(frozen=True)
 class ListSchemasResult(Result, document="list-schemas-1"):
     """The document of ``trunk list schemas``."""
 
@@ -77,6 +81,7 @@ class ListedController(NamedTuple):
     command: Annotated[Sequence[str], "The words that start the node"]
 
 
+@dataclass(frozen=True)
 class ListControllersResult(Result, document="list-controllers-1"):
     """The document of ``trunk list controllers``."""
 

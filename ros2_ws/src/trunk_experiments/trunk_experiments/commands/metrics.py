@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -19,6 +20,7 @@ from ..recorded.run import RecordedRun
 from ..replay.doubts import RecordingResult, about, doubts_of
 
 
+@dataclass(frozen=True)
 class MetricsResult(RecordingResult, document="metrics-1"):
     """The document of ``trunk metrics RUN``."""
 

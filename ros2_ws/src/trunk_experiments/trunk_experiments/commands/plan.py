@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +23,7 @@ from ..plans.files import checked_namespace
 from ..runs.launching import connection_lines, launch_nodes
 
 
+@dataclass(frozen=True)
 class NodesResult(PlanResult, OutputResult, document="plan-1"):
     """The document of ``trunk plan``."""
 

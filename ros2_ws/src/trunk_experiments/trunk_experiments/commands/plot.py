@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,7 @@ from ..replay.doubts import RecordingResult, about, doubts_of
 from ..results import Keyword
 
 
+@dataclass(frozen=True)
 class PlotResult(OutputResult, document="plot-1"):
     """The document of ``trunk plot``."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -18,12 +19,14 @@ from ..console.reading import WrittenResult, about_written
 from ..results import Count, Named, Result
 
 
+@dataclass(frozen=True)
 class _Recovered(Result):
     """What a recording was recovered from."""
 
     broken: Annotated[Path, Named("from"), "The broken file"]
 
 
+@dataclass(frozen=True)
 class RecoverResult(WrittenResult, _Recovered, document="recover-1"):
     """The document of ``trunk recover``."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,7 @@ from ..replay.doubts import RecordingResult, about
 from ..results import Count, Keyword
 
 
+@dataclass(frozen=True)
 class ReportResult(OutputResult, document="report-1"):
     """The document of ``trunk report``."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -46,6 +47,7 @@ class ImportedDeviation(NamedTuple):
     rate: float
 
 
+@dataclass(frozen=True)
 class ImportRulesResult(Result, document="import-fuzzy-1"):
     """The document of ``trunk rules read``."""
 
@@ -169,6 +171,7 @@ def _pairs(option: str, texts: Sequence[str], keys: dict[str, str]) -> dict[str,
     return pairs
 
 
+@dataclass(frozen=True)
 class ExportRulesResult(Result, document="export-fuzzy-1"):
     """The document of ``trunk rules write``."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -39,6 +40,7 @@ from ..runs.run_files import RunFiles
 from .metrics import show_metrics
 
 
+@dataclass(frozen=True)
 class _Recorded(RecordingResult):
     """What was recorded of a run."""
 
@@ -47,6 +49,7 @@ class _Recorded(RecordingResult):
     commands: Count | None
 
 
+@dataclass(frozen=True)
 class RunResult(PlanResult, _Recorded, document="run-1"):
     """The document of ``trunk run``."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +32,7 @@ from ..replay.signing import (
 from ..replay.verify import VERIFIED, Verdict, verify
 
 
+@dataclass(frozen=True)
 class SignResult(RecordingResult, document="sign-1"):
     """The document of ``trunk sign RUN``."""
 

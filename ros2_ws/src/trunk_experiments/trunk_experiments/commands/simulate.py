@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 _LONG = 100_000  # states, which take seconds
 
 
+@dataclass(frozen=True)
 class SimulateResult(PlanResult, WrittenResult, document="simulate-1"):
     """The document of ``trunk simulate``."""
 

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import Annotated, Any, TextIO
 
@@ -22,6 +23,7 @@ _STDOUT = 1
 _stream: ContextVar[TextIO | None] = ContextVar("document", default=None)
 
 
+@dataclass(frozen=True)
 class ErrorResult(Result, document="error-1"):
     """Why there is no result: any verb."""
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +23,7 @@ _STDOUT = (Path("/dev/stdout"), Path("/dev/fd/1"))
 FORCE = "Replace the file if it exists."
 
 
+@dataclass(frozen=True)
 class OutputResult(Result):
     """What documents of verbs that write one file begin with."""
 

@@ -8,6 +8,7 @@ import sys
 import time
 import webbrowser
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -57,6 +58,7 @@ def page_options(function: Any) -> Any:
     return function
 
 
+@dataclass(frozen=True)
 class PageResult(Result, document="page-1"):
     """The document of ``trunk live``, trunk watch."""
 

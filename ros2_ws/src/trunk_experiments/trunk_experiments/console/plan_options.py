@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import click
@@ -207,6 +208,7 @@ def _check_no_controller(swaps: Sequence[str]) -> None:
         raise PlanError(f"--external: your own node gives the commands: leave out {option}")
 
 
+@dataclass(frozen=True)
 class PlanResult(Result):
     """What every document says about a plan."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 _LONG = 100e6  # bytes, which take seconds to read
 
 
+@dataclass(frozen=True)
 class WrittenResult(RecordingResult):
     """What every document says about a recording just written."""
 

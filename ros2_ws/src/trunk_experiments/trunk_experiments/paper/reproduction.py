@@ -161,6 +161,7 @@ class ErratumResult(NamedTuple):
     computation: str
 
 
+@dataclass(frozen=True)
 class CaseResult(Result):
     """A run of the paper."""
 
@@ -172,6 +173,7 @@ class CaseResult(Result):
     failure: Annotated[str | None, "When the plant diverged; null: it did not"]
 
 
+@dataclass(frozen=True)
 class GraphResult(CaseResult):
     """The same run in the graph."""
 
@@ -179,6 +181,7 @@ class GraphResult(CaseResult):
     difference: str | None
 
 
+@dataclass(frozen=True)
 class PaperNumbers(Result):
     """All numbers of a reproduction: the file ``paper.json``."""
 
@@ -193,6 +196,7 @@ class PaperNumbers(Result):
     equations_as_printed_fig6: Mapping[str, Metrics | None]
 
 
+@dataclass(frozen=True)
 class PaperPlace(Result):
     """Where a reproduction is."""
 
@@ -200,6 +204,7 @@ class PaperPlace(Result):
     report: Path
 
 
+@dataclass(frozen=True)
 class PaperResult(PaperNumbers, PaperPlace, document="paper-1"):
     """The document of ``trunk paper``; the file paper.json is the same without schema, folder and report."""
 

@@ -124,6 +124,7 @@ class Doubts:
         return lines
 
 
+@dataclass(frozen=True)
 class RecordingResult(Result):
     """What every document says about a recording."""
 

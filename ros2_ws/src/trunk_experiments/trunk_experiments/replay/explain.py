@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import isclose
 from typing import Annotated, NamedTuple
 
@@ -86,6 +87,7 @@ _TERMS = As(
 )
 
 
+@dataclass(frozen=True)
 class Explanation(RecordingResult, document="explain-1"):
     """The document of ``trunk explain``: one update of a controller, its inputs, each term, its output.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -27,6 +28,7 @@ def _known(terms: Mapping[str, float]) -> dict[str, float | None]:
 _TERMS = As(Mapping[str, float | None], _known)
 
 
+@dataclass(frozen=True)
 class ExternalCommand(RecordingResult, document="explain-external-1"):
     """The document of ``trunk explain``, of somebody else's controller: a command, and what it answers.
 

@@ -130,6 +130,8 @@ class CheckedPart(NamedTuple):
     first_divergence: Annotated[Sequence[str], "Topic, stamp, both values, distance in ULPs"]
 
 
+@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class Verification(RecordingResult, document="verify-1"):
     """What recomputing a recording found: the document of ``trunk verify``.
 

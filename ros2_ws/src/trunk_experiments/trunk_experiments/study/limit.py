@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, degrees, log, ulp
 from pathlib import Path
@@ -186,6 +186,7 @@ class Survival(NamedTuple):
     points: tuple[SurvivalPoint, ...]
 
 
+@dataclass(frozen=True)
 class LimitResult(Result, document="limit-1"):
     """The document of ``trunk limit``."""
 

@@ -70,6 +70,7 @@ class MapPanel:
     growth: Annotated[Floats | None, _ROWS_OR_NONE, "Floquet: the largest multiplier, per second"]
 
 
+@dataclass(frozen=True)
 class MapResult(Result, document="map-1"):
     """The document of ``trunk study map``."""
 

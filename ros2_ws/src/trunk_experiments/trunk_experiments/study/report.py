@@ -96,6 +96,7 @@ class StudyReport:
     provenance: str
 
 
+@dataclass(frozen=True)
 class StudyReportResult(Result, document="study-report-1"):
     """The document of ``trunk study report``."""
 

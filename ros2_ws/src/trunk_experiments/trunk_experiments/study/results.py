@@ -158,6 +158,7 @@ class FirstCell(NamedTuple):
     b: Annotated[Cell, "null: missing in the second"]
 
 
+@dataclass(frozen=True)
 class StudyDiff(Result, document="diff-study-1"):
     """The document of ``trunk diff A B``, of two sweeps.
 

@@ -59,6 +59,7 @@ class Sensitivity:
     ]
 
 
+@dataclass(frozen=True)
 class SensitivityResult(Result, document="study-sensitivity-1"):
     """The document of ``trunk study sensitivity``."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
@@ -107,6 +107,7 @@ class LoopMargins(NamedTuple):
     loop: Annotated[LinearLoop, OMITTED]
 
 
+@dataclass(frozen=True)
 class MarginsResult(Result, document="margins-1"):
     """The document of ``trunk margins``."""
 

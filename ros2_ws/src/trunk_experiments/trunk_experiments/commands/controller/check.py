@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import click
@@ -27,6 +28,7 @@ class CheckedLaw(NamedTuple):
     findings: Sequence[LawFinding]
 
 
+@dataclass(frozen=True)
 class CheckResult(Result, document="check-1"):
     """The document of ``trunk controller check``."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import isfinite
 from typing import Annotated, NamedTuple
 
@@ -43,6 +44,7 @@ class Latency(NamedTuple):
     p999: float | None
 
 
+@dataclass(frozen=True)
 class CheckNodeResult(Result, document="check-node-1"):
     """The document of ``trunk controller check-node``."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
@@ -20,6 +21,7 @@ from ...results import Keyword, Result
 _NAME = re.compile(r"[a-z][a-z0-9_]*[a-z0-9]")
 
 
+@dataclass(frozen=True)
 class NewResult(Result, document="new-1"):
     """The document of ``trunk controller new``."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import click
@@ -15,6 +16,7 @@ from .live import apply, set_values
 from .show import show
 
 
+@dataclass(frozen=True)
 class ParamsResult(Result, document="params-1"):
     """The document of ``trunk params``."""
 

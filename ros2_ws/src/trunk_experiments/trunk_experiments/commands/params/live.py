@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import click
@@ -15,6 +16,7 @@ from ...results import Result
 _TIMEOUT = FiniteRange(min=0.0, min_open=True, max=3600.0, unit="s")
 
 
+@dataclass(frozen=True)
 class ParamsApplyResult(Result, document="params-apply-1"):
     """The document of ``trunk params apply``, set."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -29,6 +30,7 @@ class FileValue(NamedTuple):
     declaration: Annotated[Declaration | None, OMITTED]
 
 
+@dataclass(frozen=True)
 class ParamsShowResult(Result, document="params-show-1"):
     """The document of ``trunk params show``."""
 

@@ -66,6 +66,7 @@ class Compared:
             return cls(falls(results), distributions(results, done=done), differences)
 
 
+@dataclass(frozen=True)
 class CompareStudyResult(Result, document="compare-study-1"):
     """The document of ``trunk study compare``."""
 

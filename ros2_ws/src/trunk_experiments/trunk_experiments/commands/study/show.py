@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,6 +21,7 @@ from ...results import Count
 _LONG = 100_000  # states, which take seconds
 
 
+@dataclass(frozen=True)
 class StudyShowResult(WrittenResult, document="study-show-1"):
     """The document of ``trunk study show``."""
 

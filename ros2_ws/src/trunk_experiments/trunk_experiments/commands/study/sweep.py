@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -37,6 +38,7 @@ class SweptRuns(NamedTuple):
     refused: Count
 
 
+@dataclass(frozen=True)
 class SweepResult(Result, document="sweep-1"):
     """The document of ``trunk sweep``."""
 

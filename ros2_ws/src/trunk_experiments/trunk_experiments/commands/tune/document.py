@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -43,6 +44,7 @@ class StudySearchResult(NamedTuple):
     differences: Sequence[LearnedDifference]
 
 
+@dataclass(frozen=True)
 class TuneResult(Result, document="tune-1"):
     """The document of ``trunk tune METHOD``."""
 
