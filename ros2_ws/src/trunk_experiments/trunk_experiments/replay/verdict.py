@@ -131,7 +131,6 @@ class CheckedPart(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-@dataclass(frozen=True)
 class Verification(RecordingResult, document="verify-1"):
     """What recomputing a recording found: the document of ``trunk verify``.
 
