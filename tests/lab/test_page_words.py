@@ -82,7 +82,10 @@ def test_the_best_numbers_are_those_of_trunk_compare(opened, trunk, tmp_path):
     assert not any(marked(page).values()), "who fell is not ranked"
     page.evaluate(NO_PULSES)
     whole(page)
-    files = [saved(page, name, tmp_path) for name in ("pid", "fuzzy_pid")]
+    files = [tmp_path / f"{name}.mcap" for name in ("pid", "fuzzy_pid")]
+    for file in files:
+        experiment = saved(page, file.stem, tmp_path)
+        assert trunk("simulate", "--like", experiment, "-o", file)[0] == 0
     code, out, err = trunk("compare", *files, "--json")
     assert code == 0, err
     ours = json.loads(out)
@@ -115,12 +118,12 @@ def test_a_saved_file_is_confirmed_with_the_next_step(opened, tmp_path):
     path = saved(page, "pid", tmp_path)
     words = page.inner_text("#saved")
     assert page.get_attribute("#saved", "role") == "status"
-    megabytes = f"{path.stat().st_size / 1e6:.3g}"
+    kilobytes = f"{path.stat().st_size / 1e3:.3g}"
     assert words.startswith(
-        f"Saved {path.name}, {megabytes} MB: the run of pid, 3 s, with all states, "
+        f"Saved {path.name}, {kilobytes} kB: the run of pid, with all parameters, "
     )
     assert "branch at t = 1.2 s" in words
-    assert words.endswith(f"trunk verify {path.name}")
+    assert words.endswith(f"trunk simulate --like {path.name}")
     page.click(".chip")
     whole(page)
     assert page.inner_text("#saved") == "", "it was of another experiment"
