@@ -106,10 +106,12 @@ const view = (() => {
     at("window").value = String(view.window === last - first ? Infinity : view.window);
   };
   view.zoomAbout = (time, times) => {
+    const { first, last } = known.recorded;
     const { from, to } = view.range(view.time);
-    const span = Math.min((to - from) * times, known.recorded.last - known.recorded.first);
+    const span = (to - from) * times;
     const begin = time - ((time - from) / (to - from)) * span;
-    view.zoom(begin, begin + span);
+    if (span < last - first) view.zoom(begin, begin + span);
+    else view.zoom(first, last);
   };
   const label = () => { at("play").textContent = known.recorded ? (view.stands() ? "Play" : "Pause") : view.stands() ? "Back to live" : "Freeze view"; };
   at("window").addEventListener("change", ({ target }) => { [view.window, view.from] = [Number(target.value), null]; });

@@ -55,7 +55,11 @@ def report_data(views: Sequence[RunView]) -> dict[str, Any]:
                 "columns": packed(_columns(view, own), size),
                 "reference": references.index(reference),  # the first run that has the same
                 "measured": not np.allclose(
-                    view.table.theta_measured, view.table.theta, rtol=0.0, atol=2e-11, equal_nan=True
+                    view.table.theta_measured,
+                    view.table.theta,
+                    rtol=0.0,
+                    atol=2e-11,
+                    equal_nan=True,
                 ),
             }
             for view, name, reference in zip(views, names, references, strict=True)
@@ -66,9 +70,7 @@ def report_data(views: Sequence[RunView]) -> dict[str, Any]:
         "gains": gains_told(views),
         "limits": sorted({bound for view in views for bound in view.limits if isfinite(bound)}),
         "pulses": _pulses(views),
-        "pushed": [
-            [push["start"], push["end"]] for view in views for push in _pushes(view)
-        ],
+        "pushed": [[push["start"], push["end"]] for view in views for push in _pushes(view)],
         "marks": _marks(views, names),
     }
 
