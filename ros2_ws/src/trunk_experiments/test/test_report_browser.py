@@ -66,7 +66,9 @@ def test_scrubbing_moves_everything(opened, file, views):
         page.locator("#seek").fill(str(wanted))
         assert page.evaluate(T) == wanted
         shows(page, wanted)
-        assert page.evaluate("() => [...strips.made.values()].every(({ seen, time }) => !seen || time === view.time)")
+        assert page.evaluate(
+            "() => [...strips.made.values()].every(({ seen, time }) => !seen || time === view.time)"
+        )
         assert dots(page) != before
         for run, view in enumerate(views):
             row = row_at(view, wanted)
@@ -82,9 +84,7 @@ def test_a_dot_stands_where_its_run_is(opened, file, views):
     page = opened(file)
     page.locator("#seek").fill("0.731")
     shows(page, 0.731)
-    (path, phase) = page.evaluate(
-        "() => JSON.parse(document.querySelector('.plane').dataset.axes)"
-    )
+    (path, phase) = page.evaluate("() => JSON.parse(document.querySelector('.plane').dataset.axes)")
     table, row = views[0].table, row_at(views[0], 0.731)
     height = path_height(table.x[row], 1.0, 1.0, None)
     places = [(path, table.x[row], height), (phase, table.theta[row], table.theta_dot[row])]
