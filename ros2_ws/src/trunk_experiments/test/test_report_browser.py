@@ -19,7 +19,8 @@ pytestmark = pytest.mark.browser
 
 PHONE = {"width": 390, "height": 844}
 T = "() => view.time"
-RANGES = "() => [...strips.made.values()].filter(({ seen }) => seen).map(({ plot }) => [plot.scales.x.min, plot.scales.x.max])"
+RANGES = """() => [...strips.made.values()].filter(({ seen }) => seen)
+    .map(({ plot }) => [plot.scales.x.min, plot.scales.x.max])"""
 
 
 @pytest.fixture(scope="module")
@@ -289,8 +290,10 @@ def test_verdict_and_numbers_come_before_the_animation_and_that_before_the_chart
         page = opened(file, viewport)
         order = page.evaluate(
             """() => {
-              const all = [".verdicts", ".metrics", "#scene", "#live-charts", ".plane"].map((name) => document.querySelector(name));
-              return all.every((e, i) => !i || all[i - 1].compareDocumentPosition(e) & Node.DOCUMENT_POSITION_FOLLOWING);
+              const names = [".verdicts", ".metrics", "#scene", "#live-charts", ".plane"];
+              const all = names.map((name) => document.querySelector(name));
+              const follows = (a, b) => a.compareDocumentPosition(b) & Node.DOCUMENT_POSITION_FOLLOWING;
+              return all.every((e, i) => !i || follows(all[i - 1], e));
             }"""
         )
         assert order

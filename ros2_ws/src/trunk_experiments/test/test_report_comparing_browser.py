@@ -61,7 +61,8 @@ def drawn(page, name):
             strips.drawAll(view.time);
             await new Promise((done) => setTimeout(done));
             const { plot, lines } = strips.made.get(name);
-            return lines.map(({ label }, i) => [label, Array.from(plot.data[0]), Array.from(plot.data[i + 1])]);
+            const values = plot.data.map((column) => Array.from(column));
+            return lines.map(({ label }, i) => [label, values[0], values[i + 1]]);
         }""",
         name,
     )
@@ -202,7 +203,9 @@ def test_events_are_named_once_above_the_curves_of_the_first_chart(opened, file)
                 const { ctx } = strips.made.get(name).plot;
                 const found = [];
                 const fill = ctx.fillText;
-                ctx.fillText = (text, x, y) => { found.push({ text, x, y, width: ctx.measureText(text).width }); };
+                ctx.fillText = (text, x, y) => {
+                    found.push({ text, x, y, width: ctx.measureText(text).width });
+                };
                 strips.made.get(name).plot.redraw(false);
                 return new Promise((done) => setTimeout(() => {
                     ctx.fillText = fill;
@@ -233,7 +236,8 @@ def test_paper_has_whole_charts_in_its_own_width_and_colours(opened, file):
     page.evaluate(
         """() => addEventListener("beforeprint", () => queueMicrotask(() => {
             window.printed = [...strips.made.values()].map(({ target, plot }) => ({
-                room: target.clientWidth, width: plot.width, ink: plot.axes[0].stroke(), rows: plot.data[0].length,
+                room: target.clientWidth, width: plot.width,
+                ink: plot.axes[0].stroke(), rows: plot.data[0].length,
                 fine: plot.ctx.canvas.width / plot.width, range: [plot.scales.x.min, plot.scales.x.max],
             }));
         }))"""
@@ -255,7 +259,8 @@ def test_everything_is_drawn_once_the_page_has_loaded(browser, file):
     page = context.new_page()
     page.add_init_script(
         """addEventListener("load", () => {
-            window.atLoad = [document.documentElement.dataset.ready, [...strips.made.values()].every((chart) => chart.plot.data[0].length)];
+            const drawn = [...strips.made.values()].every(({ plot }) => plot.data[0].length);
+            window.atLoad = [document.documentElement.dataset.ready, drawn];
         })"""
     )
     page.goto(file.as_uri())

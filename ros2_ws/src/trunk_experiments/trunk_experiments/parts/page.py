@@ -1,4 +1,4 @@
-"""The page of a run that can be changed: live, of a recording, or in a lab; and what it and a report are made of."""
+"""The page of a run that can be changed: live, of a recording, or in a lab; and what pages are made of."""
 
 from __future__ import annotations
 

@@ -331,7 +331,7 @@ def planes(views: Sequence[RunView]) -> Figure:
 def thinned_way(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Return a way in a plane without what a picture cannot show; a short one as it is.
 
-    Of a long one, rows that stay within a cell are left out, and so is what goes where the way has gone before.
+    Of a long one, rows that stay within a cell are left out, and steps that the way has taken before.
     """
     if len(x) < _LONG_WAY:
         return x, y

@@ -181,7 +181,8 @@ def _pictures(views: Sequence[RunView], names: Sequence[str]) -> Iterator[Pictur
             yield _picture(
                 surface(view),
                 f"Fuzzy surfaces of {names[i]}",
-                "What the rules infer at each error e and rate ė, and the run's way; inputs beyond the edge act like the edge.",
+                "What the rules infer at each error e and rate ė, and the run's way; "
+                "inputs beyond the edge act like the edge.",
                 [(columns, [i], True) for _ in view.controller.tables],
             )
 
@@ -189,7 +190,10 @@ def _pictures(views: Sequence[RunView], names: Sequence[str]) -> Iterator[Pictur
 def _picture(
     figure: Figure, title: str, text: str, of: Sequence[tuple[list[str], list[int], bool]]
 ) -> Picture:
-    """``of``: of each of the figure's axes the columns over them, the runs, and whether these stay within its edges."""
+    """Return a figure for the page.
+
+    ``of``: for each of its axes, the columns over them, the runs, and whether these stay within its edges.
+    """
     data = drawn(figure, ".svg", _SURFACE_DPI)  # which gives the axes their places
     axes = []
     places = [place for place in figure.axes if place.get_label() != "<colorbar>"]

@@ -39,7 +39,7 @@ CHANNEL_TEXTS = {  # what a pulse acts on, its unit
 def report_data(views: Sequence[RunView]) -> dict[str, Any]:
     """Return the data of all runs, ready for JSON; angles in rad.
 
-    Columns are exact to the last bit; of long runs they hold of each ``bin`` states the least and the greatest value.
+    Columns are exact to the last bit; those of long runs hold each ``bin`` states' least and greatest value.
     """
     own = own_terms(views)
     names = labels(views)
@@ -76,13 +76,13 @@ def report_data(views: Sequence[RunView]) -> dict[str, Any]:
 
 
 def packed(columns: dict[str, Floats], size: int = 1) -> dict[str, Any]:
-    """Return columns for JSON: those that differ as differences of their bits, the bytes of equal weight together.
+    """Return columns for JSON, equal ones once: differences of their bits, bytes of equal weight together.
 
     ``size``: of so many states each, the least and the greatest value are left; 1: of every state its own.
     """
     places: dict[str, int] = {}
     seen: dict[bytes, int] = {}
-    distinct = []
+    distinct: list[Integers] = []
     for name, column in columns.items():
         values = np.ascontiguousarray(
             column if size == 1 else _extremes(column, size, name == "t"), "<f8"
@@ -103,7 +103,7 @@ def packed(columns: dict[str, Floats], size: int = 1) -> dict[str, Any]:
 
 
 def _extremes(values: Floats, size: int, times: bool) -> Floats:
-    """Return of each ``size`` values the least and the greatest, in their order; of times the first and the last."""
+    """Return each ``size`` values' least and greatest in their order, or of times the first and the last."""
     bins = -(-len(values) // size)
     rows = np.pad(values, (0, bins * size - len(values)), mode="edge").reshape(bins, size)
     if times:
