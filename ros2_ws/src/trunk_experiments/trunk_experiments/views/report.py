@@ -69,7 +69,7 @@ class RunSection:
 
 
 @dataclass(frozen=True)
-class Picture:
+class PlanePicture:
     """Planes as an SVG file, over which the page moves a dot for each run."""
 
     title: str
@@ -90,7 +90,7 @@ class Report:
     tables: tuple[
         tuple[str, list[list[str]]], ...
     ]  # rule tables that differ: a title, rows of texts
-    pictures: tuple[Picture, ...]
+    pictures: tuple[PlanePicture, ...]
     data: dict[str, Any]
 
 
@@ -166,7 +166,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
     )
 
 
-def _pictures(views: Sequence[RunView], names: Sequence[str]) -> Iterator[Picture]:
+def _pictures(views: Sequence[RunView], names: Sequence[str]) -> Iterator[PlanePicture]:
     everyone = list(range(len(views)))
     hips = [i for i in everyone if not views[i].run.another_robot]
     yield _picture(
@@ -181,7 +181,7 @@ def _pictures(views: Sequence[RunView], names: Sequence[str]) -> Iterator[Pictur
             yield _picture(
                 surface(view),
                 f"Fuzzy surfaces of {names[i]}",
-                "What the rules infer at each error e and rate ė, and the run's way; "
+                "What the rules infer at each error e and rate ė, and the run's path; "
                 "inputs beyond the edge act like the edge.",
                 [(columns, [i], True) for _ in view.controller.tables],
             )
@@ -189,7 +189,7 @@ def _pictures(views: Sequence[RunView], names: Sequence[str]) -> Iterator[Pictur
 
 def _picture(
     figure: Figure, title: str, text: str, of: Sequence[tuple[list[str], list[int], bool]]
-) -> Picture:
+) -> PlanePicture:
     """Return a figure for the page.
 
     ``of``: for each of its axes, the columns over them, the runs, and whether these stay within its edges.
@@ -211,7 +211,7 @@ def _picture(
             }
         )
     source = f"data:image/svg+xml;base64,{base64.b64encode(data).decode('ascii')}"
-    return Picture(title, text, source, tuple(axes))
+    return PlanePicture(title, text, source, tuple(axes))
 
 
 def _rules(view: RunView) -> RuleUse | None:

@@ -141,7 +141,7 @@ def _columns(view: RunView, own: Sequence[OwnTerm]) -> dict[str, Floats]:
 
 
 def _reference(view: RunView) -> bytes:
-    """Return what is equal for runs of the same reference: its values with the times of its changes."""
+    """Return a key that is equal for runs of one reference: its values with the times of its changes."""
     t, values = view.table.t, view.table.reference
     changes = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
     return np.concatenate([t[changes], values[changes]]).tobytes()
@@ -192,7 +192,7 @@ def pulse_text(pulse: Pulse) -> str:
 
 
 def _marks(views: Sequence[RunView], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return what happened in the runs, by time; with their names, unless it happened in all."""
+    """Return the events of the runs by time, with the runs' names unless all runs share them."""
     runs: dict[tuple[float, str, str], list[str]] = {}
     for view, name in zip(views, names, strict=True):
         for mark in _happened(view):

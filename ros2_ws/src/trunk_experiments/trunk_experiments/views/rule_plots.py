@@ -14,7 +14,7 @@ from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import NANOSECONDS
 
 from ..errors import PlanError
-from .plots import COLORS, STYLE, thinned_way
+from .plots import COLORS, STYLE, thinned_path
 from .run_view import RunView
 
 _MOST_LABELS = 13  # on one axis; more are thinned out
@@ -189,9 +189,9 @@ def _path_over(axes: Axes, error: _Input, rate: _Input) -> None:
     """Draw the run's path; inputs beyond the edge act like the edge."""
     e = np.clip(error.values, error.peaks[0], error.peaks[-1])
     r = np.clip(rate.values, rate.peaks[0], rate.peaks[-1])
-    way = thinned_way(e, r)
-    axes.plot(*way, color="black", linewidth=2.6, solid_capstyle="round")
-    axes.plot(*way, color="white", linewidth=1.0, solid_capstyle="round")
+    line = thinned_path(e, r)
+    axes.plot(*line, color="black", linewidth=2.6, solid_capstyle="round")
+    axes.plot(*line, color="white", linewidth=1.0, solid_capstyle="round")
     if len(e):
         marks: dict[str, Any] = {"markeredgecolor": "black", "linestyle": "none", "zorder": 4}
         axes.plot(e[:1], r[:1], marker="o", color="white", markersize=10, label="start", **marks)
