@@ -289,7 +289,7 @@ const strips = (() => {
     chart.lines = linesOf(chart.kind);
     chart.keys = chart.lines.filter((one) => one.label).map(keyOf);
     chart.caption.replaceChildren(chart.title, ...chart.keys.map(({ key }) => key));
-    if (known.pulses.length && chart.kind.id === "angle") chart.caption.append(patch("pulse acts", "pulse"));
+    if (known.pulses.length && chart.kind.id === "angle") chart.caption.append(patch(known.pulses.every(({ runs }) => !runs || runs.length === known.runs.length) ? "pulse acts" : "pulse acts, on some runs in their colours", "pulse"));
     if (known.pushed.length && chart.kind.id === "angle") chart.caption.append(patch("an operator pushes", "pushed"));
     if (known.marks) chart.caption.append(saving(chart));
     label(chart, view.time); // before the room for the curves is measured
