@@ -62,12 +62,13 @@ with sync_playwright() as driver:
     for name, at in (("report", 1.06), ("surface", 3.0)):
         page.goto((runs / f"{name}.html").as_uri())
         page.wait_for_selector("html[data-ready]")
-        page.evaluate(f"() => clock.set({at})")
+        page.evaluate(f"() => view.seek({at})")
+        page.wait_for_function("(at) => Number(document.getElementById('seek').value) === at", arg=at)
         target = images / f"{name}.png"
         if name == "report":
             page.screenshot(path=target)
         else:
-            page.locator(".fuzzy").screenshot(path=target)
+            page.locator(".plane").last.screenshot(path=target)
     chromium.close()
 for path in sorted(images.glob("*.png")):
     # 256 colours are enough for lines and flat areas, and a third of the size.

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Fetch again the files of other projects that are kept here: uPlot for the live page's charts, Plotly's cartesian bundle
-# for the report. Needs npm, whose own settings name the registry, and the network. To update one, change its version and
-# the sha512 that the registry gives for it (npm view uplot@VERSION dist.integrity).
+# Fetch again the files of another project that are kept here: uPlot, for the charts of all pages. Needs npm, whose own
+# settings name the registry, and the network. To update it, change its version and the sha512 that the registry gives
+# for it (npm view uplot@VERSION dist.integrity).
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../ros2_ws/src/trunk_experiments/trunk_experiments"
 
@@ -20,6 +20,3 @@ renew() { # NAME VERSION SHA512 TARGET FILE...: these files of the package
 
 renew uplot 1.6.32 KIMVnG68zvu5XXUbC4LQEPnhwOxBuLyW1AHtpm6IKTXImkbLgkMy+jabjLgSLMasNuGGzQm/ep3tOkyTxpiQIw== \
     parts/vendor dist/uPlot.iife.min.js dist/uPlot.min.css LICENSE
-renew plotly.js-cartesian-dist-min 4.1.1 \
-    o8GrFeusncwBIxbBynRJpY4pkgVB6caM+JLpwrLYbbsO7dZ8FJ+SVN2Fr+L7kiG/Z6w4P5O0Jus/Qr5EefHVeg== \
-    views/report_assets/vendor plotly-cartesian.min.js LICENSE

@@ -73,7 +73,8 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     lines = [line.get_xdata()[0] for line in torque.lines if len(set(line.get_xdata())) == 1]
     assert lines == starts[1:]
     assert [text.get_text() for text in torque.texts] == [turn.controller for turn in view.turns]
-    assert [turn["start"] for turn in report_data([view])["runs"][0]["turns"]] == starts
+    marks = report_data([view])["marks"]
+    assert [mark["t"] for mark in marks if mark["kind"] == "turn"] == starts[1:]
     took_over = [explain(RecordedRun(recording), start).took_over for start in starts]
     assert took_over == [False, True, True]
     assert examine(path) == []  # nothing is missing between two turns

@@ -36,8 +36,6 @@ setup(
             "parts/*.j2",
             "parts/*.js",
             "parts/vendor/*",
-            "views/report_assets/*",
-            "views/report_assets/vendor/*",
         ]
     },
     data_files=[

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import hashlib
 import json
 import re
-import zlib
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -16,15 +16,15 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.fuzzy import fired_rules, infer
+from trunk_control.fuzzy import fired_rules
 from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doctor import INFO, examine
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views import report_data
-from trunk_experiments.views.packing import packed, packed_columns
 from trunk_experiments.views.report import make_report
+from trunk_experiments.views.report_data import packed
 from trunk_experiments.views.report_page import render
 from trunk_experiments.views.rule_use import rule_use, times_fired
 from trunk_experiments.views.run_view import RunView
@@ -38,26 +38,14 @@ def view_of(path):
     return RunView.read(RecordedRun.open(path))
 
 
-def unpacked(column, columns=None):
-    """Return a column's doubles, decoded independently of the page and of what wrote it."""
-    if "same" in column:
-        return unpacked(columns[column["same"]])
-    if "constant" in column:
-        return np.full(column["count"], column["constant"])
-    plain = zlib.decompress(base64.b64decode(column["packed"]), -15)
-    kind = "<u4" if "step" in column else "<u8"
-    planes = (
-        np.frombuffer(plain, np.uint8).reshape(-1, column["count"]) if plain else np.empty((8, 0))
-    )
-    whole = np.ascontiguousarray(planes.T).view(kind).ravel()
-    for _ in range(column["differences"]):
-        whole = np.cumsum(whole, dtype=kind)
-    if "step" not in column:
-        return whole.view("<f8")
-    steps = whole.view("<i4")
-    values = column["low"] + steps * column["step"]
-    values[steps == steps.max()] = column["high"]
-    return np.where(steps < 0, np.nan, values)
+def unpacked(columns):
+    """Return columns by name, decoded independently of the page and of what wrote them."""
+    plain = gzip.decompress(base64.b64decode(columns["data"]))
+    planes = np.frombuffer(plain, np.uint8).reshape(8, -1)
+    whole = np.ascontiguousarray(planes.T).view("<u8").reshape(-1, columns["count"])
+    for _ in range(columns["differences"]):
+        whole = np.cumsum(whole, axis=1, dtype="<u8")
+    return {name: whole[place].view("<f8") for name, place in columns["places"].items()}
 
 
 class Page(HTMLParser):
@@ -98,92 +86,87 @@ def page(views):
     return Page(render(make_report(views)))
 
 
-@given(st.lists(st.floats(), max_size=20))
-def test_packing_keeps_every_value(values):
-    array = np.array(values, np.float64)
-    assert np.array_equal(unpacked(packed(array)), array, equal_nan=True)
+@given(st.lists(st.tuples(st.floats(), st.floats()), min_size=1, max_size=20))
+def test_packing_keeps_every_bit(values):
+    one, other = (np.array(column) for column in zip(*values, strict=True))
+    back = unpacked(packed({"one": one, "other": other}))
+    assert (back["one"].tobytes(), back["other"].tobytes()) == (one.tobytes(), other.tobytes())
 
 
-def test_packing_distinguishes_the_zeros():
-    assert np.signbit(unpacked(packed(np.array([0.0, -0.0])))).tolist() == [False, True]
-    assert np.signbit(unpacked(packed(np.array([-0.0, -0.0])))).all()
-
-
-def test_packing_in_steps_keeps_extremes_gaps_and_what_an_eye_sees():
-    t = np.linspace(0.0, 10.0, 5001)
-    wave = 30.0 * np.sin(t) + 1e-3 * np.sin(300.0 * t)
-    wave[700] = 4000.0  # a peak does not make the rest coarse
-    wave[100:120] = np.nan
-    for bits in (24, 16):
-        back = unpacked(packed(wave, bits))
-        assert np.nanmax(back) == 4000.0
-        assert np.nanmin(back) == np.nanmin(wave)
-        assert np.array_equal(np.isnan(back), np.isnan(wave))
-        assert np.nanmax(np.abs(back - wave)) <= 60.0 * 2.0**-bits
-    for whole in (np.array([0.0, np.inf, 1.0]), np.array([0.0, 1e308, -1e308])):
-        assert unpacked(packed(whole, 16)).tobytes() == whole.tobytes()  # no steps: exact
-
-
-@given(st.lists(st.floats(), max_size=20), st.sampled_from([16, 20, 24]))
-def test_packing_in_steps_keeps_the_range_of_any_values(values, bits):
-    array = np.array(values, np.float64)
-    back = unpacked(packed(array, bits))
-    assert np.array_equal(np.isnan(back), np.isnan(array))
-    known = array[~np.isnan(array)]
-    if len(known):
-        assert (np.nanmin(back), np.nanmax(back)) == (known.min(), known.max())
-
-
-def test_equal_columns_are_written_once_and_times_are_always_exact():
+def test_equal_columns_are_written_once():
     t = np.arange(5000) / 1e3
-    columns = packed_columns({"t": t, "one": np.sin(t), "other": np.sin(t)}, 16)
-    assert columns["other"] == {"same": "one"}
-    assert unpacked(columns["t"]).tobytes() == t.tobytes()
+    columns = packed({"t": t, "one": np.sin(t), "other": np.sin(t)})
+    assert columns["places"] == {"t": 0, "one": 1, "other": 1}
 
 
 def test_a_smooth_curve_packs_to_less_than_half_its_size():
     wave = np.sin(np.arange(10_000) / 1e3)
-    assert len(packed(wave)["packed"]) < len(base64.b64encode(wave.tobytes())) / 2
-    assert len(packed(wave, 24)["packed"]) < len(base64.b64encode(wave.tobytes())) / 10
+    assert len(packed({"wave": wave})["data"]) < len(base64.b64encode(wave.tobytes())) / 2
 
 
-def test_long_runs_are_rounded_and_say_so(views, monkeypatch):
+@given(st.lists(st.floats(allow_infinity=False), min_size=1, max_size=50), st.integers(2, 9))
+def test_bins_keep_the_least_and_the_greatest_in_their_order(values, size):
+    column = np.array(values)
+    back = unpacked(packed({"t": np.arange(len(column)) / 8.0, "column": column}, size))
+    assert (back["t"][0], back["t"][-1]) == (0.0, (len(column) - 1) / 8.0)
+    for i, pair in enumerate(back["column"].reshape(-1, 2)):
+        part = column[size * i : size * (i + 1)]
+        known = part[~np.isnan(part)]
+        if not len(known):
+            assert np.isnan(pair).all()
+            continue
+        assert (pair.min(), pair.max()) == (known.min(), known.max())
+        first, last = (
+            int(np.flatnonzero(part == value)[0]) for value in (known.min(), known.max())
+        )
+        assert (pair[0] == known.min()) == (first <= last)
+
+
+def test_long_runs_are_reduced_and_say_so(views, monkeypatch):
     monkeypatch.setattr(report_data, "_EXACT_ROWS", 100)
+    monkeypatch.setattr(report_data, "_BINNED_ROWS", 200)
     page = Page(render(make_report(views)))
-    assert page.data["bits"] == 24
+    size = page.data["bin"]
+    assert size == 27
     for view, run in zip(views, page.data["runs"], strict=True):
-        assert unpacked(run["columns"]["t"]).tobytes() == view.table.t.tobytes()
-        back = unpacked(run["columns"]["torque"], run["columns"])
-        assert (back.min(), back.max()) == (view.table.torque.min(), view.table.torque.max())
-        assert (back != view.table.torque).any()
-    assert "one part in 16,777,216" in " ".join(page.words)
-    monkeypatch.setattr(report_data, "_MOST_TEXT", 100)
-    assert Page(render(make_report(views))).data["bits"] == 16  # whatever its size
+        assert run["columns"]["count"] == 2 * -(-len(view.table.t) // size)
+        torque = unpacked(run["columns"])["torque"]
+        assert (torque.min(), torque.max()) == (view.table.torque.min(), view.table.torque.max())
+    assert f"of each {size} states" in " ".join(page.words)
 
 
 def test_the_page_holds_every_value_of_every_run(views, page):
+    assert page.data["bin"] == 1
     for view, run in zip(views, page.data["runs"], strict=True):
         table = view.table
         expected = {
             "t": table.t,
             "x": table.x,
-            "theta": np.degrees(table.theta),
-            "measured": np.degrees(table.theta_measured),
-            "reference": np.degrees(table.reference),
-            "rate": table.theta_dot,
+            "theta": table.theta,
+            "theta_dot": table.theta_dot,
             "torque": table.torque,
+            "reference": table.reference,
+            "measurement": table.theta_measured,
             "kp": table.kp,
             "ki": table.ki,
             "kd": table.kd,
             "alpha": table.alpha,
         }
-        assert run["columns"].keys() == expected.keys()
+        columns = unpacked(run["columns"])
+        assert columns.keys() - {"rules_e", "rules_rate"} == expected.keys()
         for name, values in expected.items():
-            column = run["columns"][name]
-            assert unpacked(column, run["columns"]).tobytes() == values.tobytes(), name
-        (pulse,) = run["pulses"]
-        assert (pulse["start"], pulse["end"]) == (1.0, 1.1)
-        assert pulse["text"] == "+100° on the measured angle"
+            assert columns[name].tobytes() == values.tobytes(), name
+    (pulse,) = page.data["pulses"]
+    assert (pulse["start"], pulse["end"]) == (1.0, 1.1)
+    assert pulse["text"] == "+100° on the measured angle"
+    assert pulse["runs"] == [0, 1]
+
+
+def test_runs_of_one_reference_share_its_line(views, short_run):
+    own = view_of(short_run("fig7", "pid", settings=("pid.reference.step_time=0.5",)))
+    data = make_report([*views, own]).data
+    assert [run["reference"] for run in data["runs"]] == [0, 0, 2]
+    assert [run["measured"] for run in data["runs"]] == [True, True, False]
 
 
 def test_the_page_has_each_runs_path(views, page, short_run):
@@ -191,24 +174,23 @@ def test_the_page_has_each_runs_path(views, page, short_run):
     own = view_of(short_run("fig8", "pid", duration=0.2, settings=settings))
     (run,) = Page(render(make_report([own]))).data["runs"]
     path = {"amplitude": 1.0, "wavenumber": 1.0, "harmonics": [0.05, 0.0, 0.0, 0.1], "length": 1.0}
-    assert run["path"] == path
-    assert page.data["runs"][0]["path"] == path | {"harmonics": []}
+    assert run["world"]["path"] == path
+    assert page.data["runs"][0]["world"]["path"] == path | {"harmonics": []}
 
 
-def test_surfaces_equal_the_inference(views, page):
-    pid, fuzzy = page.data["runs"]
-    assert pid["fuzzy"] is None
-    surface = fuzzy["fuzzy"]
-    errors, rates = unpacked(surface["error"]), unpacked(surface["rate"])
-    alpha = unpacked(surface["outputs"][2]["values"]).reshape(len(rates), len(errors))
-    rules = views[1].controller.rules
-    for i, j in ((0, 0), (7, 40), (60, 3)):
-        expected = infer(np.radians(errors[j]), rates[i], rules)[2]
-        assert alpha[i, j] == pytest.approx(expected, abs=1e-9)
-    updates = surface["updates"]
-    assert unpacked(updates["rate"], updates).tobytes() == (
-        views[1].terms.column("position", "error_rate").tobytes()
-    )
+def test_planes_are_pictures_with_their_axes(views):
+    planes, surfaces = make_report(views).pictures
+    assert [axes["of"] for axes in planes.axes] == [["x", "height"], ["theta", "theta_dot"]]
+    assert [axes["runs"] for axes in planes.axes] == [[0, 1], [0, 1]]
+    assert [axes["runs"] for axes in surfaces.axes] == [[1], [1], [1]]
+    peaks = views[1].controller.peaks
+    for axes in surfaces.axes:
+        assert axes["x"] == pytest.approx([peaks[0][0], peaks[0][-1]])
+        assert axes["y"] == pytest.approx([peaks[1][0], peaks[1][-1]])
+    for picture in (planes, surfaces):
+        kind, _, data = picture.source.partition(",")
+        assert kind == "data:image/svg+xml;base64"
+        assert base64.b64decode(data).startswith(b"<?xml")
 
 
 def test_rules_are_counted(views):
@@ -245,28 +227,30 @@ def test_an_operators_pushes_are_spans_with_their_greatest_values(tmp_path):
     asked = ((100, 40.0), (150, -60.0), (400, 20.0))  # ms, N m
     pushes = tuple((ms * 1_000_000, Applied(0.0, torque)) for ms, torque in asked)
     record_offline(replace(plan, pushes=pushes), tmp_path / "pushed.mcap")
-    (run,) = make_report([view_of(tmp_path / "pushed.mcap")]).data["runs"]
-    first, second = run["pushes"]
-    assert (first["start"], second["start"]) == (0.1, 0.4)
-    assert first["end"] == pytest.approx(0.25, abs=0.011)
-    assert (first["force"], first["torque"], second["torque"]) == (0.0, 60.0, 20.0)
+    data = make_report([view_of(tmp_path / "pushed.mcap")]).data
+    (first, until), (second, _) = data["pushed"]
+    assert (first, second) == (0.1, 0.4)
+    assert until == pytest.approx(0.25, abs=0.011)
+    marks = [(mark["t"], mark["words"]) for mark in data["marks"] if mark["kind"] == "push"]
+    assert marks == [(0.1, "push, 60 N·m"), (0.4, "push, 20 N·m")]
 
 
 def test_words_and_numbers_of_the_page(page):
     words = " ".join(page.words)
-    for wanted in ("fig8-pid", "PID (Ziegler–Nichols)", "Fuzzy-PID", "Rules used", "gains.p_max"):
+    for wanted in ("fig8-pid", "PID (Ziegler–Nichols)", "Fuzzy-PID", "Rules that", "gains.p_max"):
         assert wanted in words, wanted
-    assert sum(tag == "canvas" for tag, _ in page.tags) == 2
+    assert sum(tag == "canvas" for tag, _ in page.tags) == 1
 
 
 def test_nothing_comes_from_elsewhere(page):
     for tag, attributes in page.tags:
         for name, value in attributes.items():
-            assert name not in {"src", "srcset", "action"}, (tag, name)
+            assert name not in {"srcset", "action"}, (tag, name)
+            assert name != "src" or value.startswith("data:image/svg+xml;base64,")
             assert not name.startswith("on"), (tag, name)
             assert name != "href" or value.startswith("#")
             assert name != "style"
-    assert not any(tag in {"link", "img", "iframe", "object", "base"} for tag, _ in page.tags)
+    assert not any(tag in {"link", "iframe", "object", "base"} for tag, _ in page.tags)
 
 
 def test_the_policy_allows_only_these_scripts(page):
@@ -288,9 +272,10 @@ def test_hostile_words_are_text(hostile_run):
     words = " ".join(page.words)
     for word in hostile_words:
         assert word in words, word
-    assert len(page.scripts) == 3
-    assert not any(tag == "img" for tag, _ in page.tags)
-    assert page.data["runs"][0]["label"] == path.stem
+    assert len(page.scripts) == 2
+    assert {a["src"].partition(",")[0] for tag, a in page.tags if tag == "img"} == {
+        "data:image/svg+xml;base64"
+    }
     assert "<" not in page.scripts[0]
 
 

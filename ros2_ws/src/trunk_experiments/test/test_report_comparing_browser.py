@@ -11,12 +11,10 @@ from trunk_experiments.views.report import make_report
 from trunk_experiments.views.report_page import write
 from trunk_experiments.views.run_view import RunView
 
-from .test_report import unpacked
-
 pytestmark = pytest.mark.browser
 
-LABELS = "NB NM NS ZO PS PM PB".split()  # noqa: SIM905
-RANGES = "() => charts.filter((c) => c.timed).map((c) => c.target._fullLayout.xaxis.range)"
+SEEN = "[...strips.made.values()].filter(({ seen }) => seen)"
+RANGES = f"() => {SEEN}.map(({{ plot }}) => [plot.scales.x.min, plot.scales.x.max])"
 STOPS = """() => [...document.querySelectorAll("a[href], button, input, select, summary, [tabindex]")]
     .filter((e) => e.tabIndex >= 0 && !e.disabled)
     .filter((e) => e.checkVisibility({ contentVisibilityAuto: true })).length"""
@@ -45,193 +43,215 @@ def views(short_run):
 @pytest.fixture(scope="module")
 def file(views, tmp_path_factory):
     report = make_report(views)
-    first = report.data["runs"][0]
-    first["turns"].append({"start": 0.4, "controller": "<b>other</b>"})
-    first["branch"] = 0.3
-    first["pushes"] = [{"start": 0.35, "end": 0.5, "force": 0.0, "torque": 12.0}]
+    report.data["pushed"] = [[0.35, 0.5]]
+    report.data["marks"] += [
+        {"t": 0.3, "kind": "branch", "words": "branch (fig8-pid)"},
+        {"t": 0.35, "kind": "push", "words": "push, 12 N·m (fig8-pid)"},
+        {"t": 0.4, "kind": "turn", "words": "→ <b>other</b> (fig8-pid)"},
+    ]
     path = tmp_path_factory.mktemp("report") / "two.html"
     write(report, path)
     return path
 
 
-def test_thin_curves_keep_every_extreme_and_zoomed_in_every_state(opened, file):
+def drawn(page, name):
+    """Return what a chart draws, in sight or not: its lines by label, each with times and values."""
+    return page.evaluate(
+        """async (name) => {
+            strips.drawAll(view.time);
+            await new Promise((done) => setTimeout(done));
+            const { plot, lines } = strips.made.get(name);
+            const values = plot.data.map((column) => Array.from(column));
+            return lines.map(({ label }, i) => [label, values[0], values[i + 1]]);
+        }""",
+        name,
+    )
+
+
+def test_thin_curves_keep_every_extreme_and_zoomed_in_every_state(opened, file, views):
+    """A long curve in the page's own store, with peaks that one state has, and a gap."""
     page = opened(file)
-    found = page.evaluate(
+    page.evaluate(
         """() => {
+            const { plant } = known.runs[0];
             const t = Float64Array.from({ length: 100000 }, (_, i) => i / 1000);
             const y = t.map((v, i) => (i === 31234 ? 50 : i === 77777 ? -50 : Math.sin(v)));
-            y.fill(NaN, 5000, 5300);
-            const thin = thinned(t, y, 0, 99.999, 1000);
-            const near = thinned(t, y, 31, 32, 1000);
-            const plane = thinnedWay(t.map(Math.cos), y, { left: -1, right: 1, low: -50, high: 50 });
-            return {
-                count: thin.x.length, sorted: thin.x.every((v, i) => i === 0 || v > thin.x[i - 1]),
-                real: thin.x.every((v, i) => Object.is(y[Math.round(v * 1000)], thin.y[i])),
-                most: Math.max(...thin.y.filter(Number.isFinite)),
-                least: Math.min(...thin.y.filter(Number.isFinite)),
-                gaps: thin.y.some(Number.isNaN), near: near.x.length,
-                plane: plane.length, peaks: [31234, 77777].every((i) => plane.includes(i)),
-            };
+            y.fill(NaN, 5000, 5900);
+            Object.assign(plant, { columns: new Map([["t", t], ["torque", y]]), count: t.length });
+            known.recorded.last = 99.999;
+            known.version += 1;
+            view.zoom(0, 99.999);
         }"""
     )
-    assert found.pop("count") <= 4000
-    assert found.pop("plane") < 20000
-    assert found.pop("near") >= 1000  # every state of that second
-    assert found == {
-        "sorted": True,
-        "real": True,
-        "most": 50,
-        "least": -50,
-        "gaps": True,
-        "peaks": True,
-    }
+    line = next(line for line in drawn(page, "torque") if line[0] == "fig8-pid")
+    _, t, y = line
+    known = [value for value in y if value is not None]
+    assert len(known) <= 1400
+    assert (min(known), max(known)) == (-50, 50)
+    assert None in y
+    assert t == sorted(t)
+    page.evaluate("() => view.zoom(31, 31.5)")
+    _, t, y = next(line for line in drawn(page, "torque") if line[0] == "fig8-pid")
+    expected = np.sin(np.arange(31000, 31502) / 1000)
+    expected[234] = 50
+    inside = dict(zip(t, y, strict=True))
+    stamps = (np.arange(31000, 31502) / 1000).tolist()
+    assert [inside[stamp] for stamp in stamps] == pytest.approx(expected.tolist(), abs=1e-15)
 
 
-def test_every_state_that_is_handed_to_a_chart_is_drawn(opened, views, tmp_path):
-    write(make_report(views[:1]), tmp_path / "one.html")
-    found = opened(tmp_path / "one.html").evaluate(
-        """() => [...chartsById.values()].filter((chart) => chart.drawn).map(({ id, target }) => {
-            const handed = target._fullData.map(({ x }) => x.length);
-            const vertices = [...target.querySelectorAll(".js-line")].map(
-                (path) => path.getAttribute("d").match(/-?[\\d.]+,-?[\\d.]+|[HV]/g).length);
-            return [id, Math.max(...handed), Math.max(...vertices)]; })"""
-    )
-    states = len(views[0].table.t)
-    counts = {name: counts for name, *counts in found}
-    assert counts["angle"] == [states, states]
-    assert counts["torque"] == [states, 2 * states - 1]  # steps
-
-
-def test_a_pulse_on_one_run_has_its_colour_and_surfaces_have_their_labels(
-    opened, short_run, tmp_path
-):
+def test_a_pulse_on_one_run_is_known_as_its_own(short_run):
     one, two = (RunView.read(RecordedRun.open(short_run("fig8", "fuzzy_pid"))) for _ in range(2))
-    report = make_report([one, two])
-    report.data["runs"][1]["pulses"].append(
-        {**report.data["runs"][1]["pulses"][0], "start": 0.2, "end": 0.3}
-    )
-    write(report, tmp_path / "own.html")
-    page = opened(tmp_path / "own.html")
-    bands = page.evaluate("() => markShapes().filter(({ type }) => type === 'rect')")
-    colors = {band["x0"]: band["fillcolor"] for band in bands}
-    assert colors[0.2] == page.evaluate("() => runColor(1)")
-    assert colors[1.0] == page.evaluate("() => cssColor('--pulse')")
-    texts = "({ target }) => target.layout.annotations.map(({ text }) => text)"
-    found = page.evaluate(f"() => ({texts})(charts.find((one) => one.target.id === 'map-0-kp'))")
-    assert found == [*LABELS, *LABELS]
+    other = RunView.read(RecordedRun.open(short_run("fig6", "pid")))
+    assert [pulse["runs"] for pulse in report_data.report_data([one, two])["pulses"]] == [[0, 1]]
+    assert [pulse["runs"] for pulse in report_data.report_data([one, other])["pulses"]] == [[0]]
 
 
-def test_rounded_values_are_read_as_they_were_written(opened, views, tmp_path, monkeypatch):
+def test_a_long_run_holds_least_and_greatest_values_and_says_so(
+    opened, views, tmp_path, monkeypatch
+):
     monkeypatch.setattr(report_data, "_EXACT_ROWS", 100)
-    report = make_report(views[:1])
-    write(report, tmp_path / "long.html")
+    monkeypatch.setattr(report_data, "_BINNED_ROWS", 200)
+    write(make_report(views[:1]), tmp_path / "long.html")
     page = opened(tmp_path / "long.html")
-    assert "16,777,216" in page.inner_text(".rounded")
-    columns = report.data["runs"][0]["columns"]
-    for name in ("t", "theta", "measured", "torque", "kp"):
-        read = page.evaluate("(name) => Array.from(report.runs[0].columns[name])", name)
-        assert read == unpacked(columns[name], columns).tolist(), name
+    assert "of each 14 states" in page.inner_text(".binned strong")
+    table = views[0].table
+    for name, values in {"torque": table.torque, "theta": table.theta}.items():
+        read = page.evaluate("(name) => Array.from(known.plant.columns.get(name))", name)
+        assert len(read) == 2 * -(-len(values) // 14)
+        for i, pair in enumerate(zip(read[0::2], read[1::2], strict=True)):
+            part = values[14 * i : 14 * (i + 1)]
+            assert (min(pair), max(pair)) == (part.min(), part.max())
+    times = page.evaluate("() => Array.from(known.plant.t)")
+    assert (times[0], times[-1]) == (table.t[0], table.t[-1])
+
+
+def test_runs_of_different_rates_keep_their_own_states(opened, views, short_run, tmp_path):
+    slow = short_run("fig8", "pid", settings=("simulator.update_rate=500", "pid.update_rate=500"))
+    other = RunView.read(RecordedRun.open(slow))
+    write(make_report([views[0], other]), tmp_path / "rates.html")
+    page = opened(tmp_path / "rates.html")
+    page.evaluate("() => view.zoom(0.2, 0.5)")
+    found = [(t, y) for label, t, y in drawn(page, "angle") if "fig8-pid" in label]
+    for view, (times, values) in zip((views[0], other), found, strict=True):
+        own = {t: v for t, v in zip(times, values, strict=True) if v is not None}
+        inside = (view.table.t >= 0.2) & (view.table.t <= 0.5)
+        expected = np.degrees(view.table.theta[inside])
+        assert [own[t] for t in view.table.t[inside].tolist()] == pytest.approx(expected.tolist())
 
 
 def test_a_run_is_hidden_and_shown_by_its_entry(opened, file):
     page = opened(file)
-    assert not page.locator(".rounded").is_visible()
-    shown = """(run) => [...new Set(charts.flatMap((c) => c.target.data
-        .filter((trace) => trace.meta?.run === run).map((trace) => trace.visible)))]"""
-    dots = "() => document.querySelectorAll('#plot-phase .dot:not([hidden])').length"
-    assert [page.evaluate(shown, run) for run in (0, 1)] == [[True], [True]]
-    assert page.evaluate(dots) == 2
+    assert page.locator(".binned strong").count() == 0
+    labels = "() => strips.made.get('angle').lines.map(({ label }) => label)"
+    dots = "() => document.querySelectorAll('.dot:not([hidden])').length"
+    assert {"fig8-pid", "fig6-pid"} <= set(page.evaluate(labels))
+    assert page.evaluate(dots) == 4
     entry = page.locator("button.toggle").nth(1)
     entry.click()
     assert entry.get_attribute("aria-pressed") == "false"
-    assert [page.evaluate(shown, run) for run in (0, 1)] == [[True], [False]]
-    assert page.locator("#chart-angle .value:visible").count() == 1
-    assert page.evaluate(dots) == 1
+    page.wait_for_function(f"() => !({labels})().includes('fig6-pid')")
+    assert "fig6-pid" not in page.inner_text("#strip-angle figcaption")
+    page.wait_for_function(f"() => ({dots})() === 2")
     entry.press("Space")  # which does not play
-    assert not page.evaluate("() => clock.playing")
-    assert page.evaluate(shown, 1) == [True]
+    assert not page.evaluate("() => view.playing")
+    page.wait_for_function(f"() => ({labels})().includes('fig6-pid')")
 
 
 def test_a_base_run_is_subtracted_from_the_others(opened, file, views):
     page = opened(file)
-    assert page.locator(".difference:visible").count() == 0
+    charts = page.locator("#strip-difference-theta, #strip-difference-torque")
+    assert charts.count() == 0
     page.select_option("#base", "0")
-    page.wait_for_selector("#base[data-drawn='0']")
-    assert page.locator(".difference:visible").count() == 2
-    assert "less that of fig8-pid" in page.inner_text("#chart-difference-theta")
-    drawn = page.evaluate(
-        """() => document.getElementById("plot-difference-torque").data
-            .map((trace) => [trace.meta.run, Array.from(trace.y)])"""
-    )
-    ((run, values),) = drawn
-    assert run == 1
-    assert values == (views[1].table.torque - views[0].table.torque).tolist()
-    errors = page.evaluate("() => Array.from(report.runs[1].columns.error)")
-    expected = np.degrees(views[1].table.reference) - np.degrees(views[1].table.theta)
-    assert errors == expected.tolist()
+    page.locator("#strip-difference-torque").scroll_into_view_if_needed()
+    assert charts.count() == 2
+    assert "less that of fig8-pid" in page.inner_text("#strip-difference-theta")
+    page.evaluate("() => view.zoom(0.9, 1.2)")
+    ((label, times, values),) = drawn(page, "difference-torque")
+    assert label == "fig6-pid"
+    inside = np.isin(views[1].table.t, times)
+    expected = views[1].table.torque - views[0].table.torque
+    assert values == expected[inside].tolist()
+    errors = page.evaluate("() => Array.from(known.runs[1].plant.columns.get('error'))")
+    assert errors == (views[1].table.reference - views[1].table.theta).tolist()
     page.select_option("#base", "")
-    page.wait_for_selector("#base[data-drawn='']")
-    assert page.locator(".difference:visible").count() == 0
+    charts.first.wait_for(state="detached")
+    assert charts.count() == 0
 
 
 def test_the_wheel_zooms_with_ctrl_and_keys_zoom_about_the_time(opened, file):
     page = opened(file)
-    page.locator("#plot-angle").hover()
+    page.locator("#strip-angle .u-over").hover()
     page.mouse.wheel(0, 10)
+    page.locator("#strip-torque .u-over").hover()
     page.keyboard.down("Control")
-    page.locator("#plot-torque").hover()
     page.mouse.wheel(0, -120)
     page.keyboard.up("Control")
     page.wait_for_function(f"() => ({RANGES})().every(([a, b]) => b - a < 1.0 && a > 0)")
-    page.evaluate("() => clock.set(0.5)")
+    page.locator("#seek").fill("0.5")
     page.keyboard.press("0")
     page.wait_for_function(f"() => ({RANGES})().every(([a, b]) => a === 0 && b === 1.3)")
     page.keyboard.press("+")
     page.wait_for_function(f"() => ({RANGES})().every(([a, b]) => a === 0.25 && b === 0.9)")
 
 
-def test_events_are_named_once_above_the_first_plot(opened, file):
+def test_events_are_named_once_above_the_curves_of_the_first_chart(opened, file):
+    """Where the texts are drawn, as the canvas is told."""
     page = opened(file)
-    names = [
-        text.strip() for text in page.locator("#plot-angle .annotation-text").all_text_contents()
-    ]
-    assert sorted(names) == [
+    names = page.evaluate(
+        """() => {
+            const texts = (name) => {
+                const { ctx } = strips.made.get(name).plot;
+                const found = [];
+                const fill = ctx.fillText;
+                ctx.fillText = (text, x, y) => {
+                    found.push({ text, x, y, width: ctx.measureText(text).width });
+                };
+                strips.made.get(name).plot.redraw(false);
+                return new Promise((done) => setTimeout(() => {
+                    ctx.fillText = fill;
+                    done(found.filter(({ text }) => /[a-z]/.test(text)));
+                }, 50));
+            };
+            return Promise.all([texts("angle"), texts("torque")]);
+        }"""
+    )
+    first, second = names
+    assert {name["text"] for name in first} == {
         "branch (fig8-pid)",
         "fell (fig8-pid)",
         "push, 12 N·m (fig8-pid)",
         "→ <b>other</b> (fig8-pid)",
-    ]
-    assert page.locator("#plot-torque .annotation-text").count() == 0
-    boxes = [box.bounding_box() for box in page.locator("#plot-angle .annotation-text").all()]
-    for i, one in enumerate(boxes):
-        for other in boxes[i + 1 :]:
-            apart = abs(one["y"] - other["y"]) > 8
-            assert apart or max(one["x"], other["x"]) >= min(
-                b["x"] + b["width"] for b in (one, other)
-            )
-    for name in ("turns", "branches", "falls", "pushes"):
-        assert page.locator(f".if-{name}").is_visible()
+    }
+    assert second == []
+    for i, one in enumerate(first):
+        for other in first[i + 1 :]:
+            left, right = sorted((one, other), key=lambda name: name["x"])
+            if one["text"] != other["text"] and one["y"] == other["y"]:
+                assert left["x"] + left["width"] <= right["x"]
+    assert "an operator pushes" in page.inner_text("#strip-angle figcaption")
 
 
-def test_paper_has_whole_plots_in_its_own_width_and_colours(opened, file):
+def test_paper_has_whole_charts_in_its_own_width_and_colours(opened, file):
     page = opened(file, color_scheme="dark")
     page.evaluate(
-        """() => addEventListener("beforeprint", () => {
-            window.printed = charts.map(({ target, timed }) => ({
-                room: target.clientWidth, width: target._fullLayout.width, ink: target._fullLayout.font.color,
-                svg: target.querySelector(".main-svg").getBoundingClientRect().width,
-                range: timed ? target._fullLayout.xaxis.range : null,
+        """() => addEventListener("beforeprint", () => queueMicrotask(() => {
+            window.printed = [...strips.made.values()].map(({ target, plot }) => ({
+                room: target.clientWidth, width: plot.width,
+                ink: plot.axes[0].stroke(), rows: plot.data[0].length,
+                fine: plot.ctx.canvas.width / plot.width, range: [plot.scales.x.min, plot.scales.x.max],
             }));
-        })"""
+        }))"""
     )
-    before = page.evaluate("() => charts[0].target._fullLayout.width")
+    before = page.evaluate("() => strips.made.get('angle').plot.width")
     page.pdf(format="A4")
-    for plot in page.evaluate("() => window.printed"):
-        assert plot["width"] == plot["svg"] == plot["room"] < 184 / 25.4 * 96  # mm to pixels
-        assert plot["ink"] == "#000"
-        assert plot["range"] in (None, [0, 1.3])
-    page.wait_for_function("(wide) => charts[0].target._fullLayout.width === wide", arg=before)
-    assert page.evaluate("() => charts[0].target._fullLayout.font.color") == "#e9ecef"
+    for chart in page.evaluate("() => window.printed"):
+        assert chart["width"] == chart["room"] < 184 / 25.4 * 96  # mm to pixels
+        assert chart["ink"] == "#000"
+        assert chart["range"] == [0, 1.3]
+        assert chart["rows"] > 500
+        assert chart["fine"] >= 2.0
+    page.wait_for_function("(wide) => strips.made.get('angle').plot.width === wide", arg=before)
+    assert page.evaluate("() => strips.made.get('angle').plot.axes[0].stroke()") == "#e9ecef"
 
 
 def test_everything_is_drawn_once_the_page_has_loaded(browser, file):
@@ -239,7 +259,8 @@ def test_everything_is_drawn_once_the_page_has_loaded(browser, file):
     page = context.new_page()
     page.add_init_script(
         """addEventListener("load", () => {
-            window.atLoad = [document.documentElement.dataset.ready, charts.every((chart) => chart.drawn)];
+            const drawn = [...strips.made.values()].every(({ plot }) => plot.data[0].length);
+            window.atLoad = [document.documentElement.dataset.ready, drawn];
         })"""
     )
     page.goto(file.as_uri())
@@ -253,9 +274,9 @@ def test_eight_runs_are_told_apart_by_eye_and_by_keys(opened, views, tmp_path, s
     if not (path := tmp_path.parent / "eight.html").exists():
         write(make_report([views[0]] * 8), path)
     page = opened(path, color_scheme=scheme)
-    looks = page.evaluate("() => report.runs.map((_, i) => `${runColor(i)} ${runDash(i)}`)")
+    looks = page.evaluate("() => known.runs.map((_, i) => `${runColor(i)} ${runDash(i)}`)")
     assert len({look.split()[0] for look in looks}) == 8
     assert page.evaluate(STOPS) <= 40
-    for selector in (".values", ".toggle", ".readout dd", ".num", ".thinned"):
+    for selector in (".key", ".toggle", ".readout dd", ".num", ".binned", ".png"):
         ratios = page.evaluate(CONTRASTS, selector)
         assert min(ratios, default=0.0) >= 4.5, selector

@@ -1,5 +1,5 @@
 "use strict";
-// The keys of a player, the same in a report and where a recording is watched.
+// The keys of a player.
 
 // The time that a key leads to, in s, undefined for any other key. `finest`: from one state to the next, in s.
 const timeOfKey = (event, { time, finest, first, last }) => {

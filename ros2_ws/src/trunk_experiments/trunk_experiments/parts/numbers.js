@@ -1,5 +1,5 @@
 "use strict";
-// Numbers, colours and rows: what the report and the live page share.
+// Numbers, colours and rows: what all pages share.
 
 // The hip path's height in m over x in m; harmonics: a1, b1, a2, b2 ..., of cosines and sines of n k x.
 const pathHeight = (path, x) => {
@@ -44,5 +44,5 @@ const [cssColor, forgetColors] = (() => {
   return [color, () => kept.clear()];
 })();
 const runColor = (index) => cssColor(`--run${index % 8}`);
-const DASHES = ["solid", "8px,3px", "9px,3px,2px,3px", "2px,2px", "12px,3px,4px,3px"];
+const DASHES = [[], [8, 3], [9, 3, 2, 3], [2, 2], [12, 3, 4, 3]];
 const runDash = (index) => DASHES[index % DASHES.length];

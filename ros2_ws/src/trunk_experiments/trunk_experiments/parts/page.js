@@ -7,11 +7,12 @@ const view = (() => {
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
   let before = null;
   let charted = 0;
-  const view = { time: 0, window: 20, frozen: false, playing: !still, speed: 1, frames: 0 };
+  const view = { time: 0, window: 20, from: null, digits: 2, frozen: false, playing: !still, speed: 1, frames: 0 };
 
   // ── words ────────────────────────────────────────────────────────────────────────────────────────────
   const controllers = () => {
     const place = at("controllers");
+    if (!place) return; // a report shows all its runs
     const several = Boolean(known.runs[0].name);
     const names = several ? known.runs.map((run) => run.name) : [...known.nodes.values()].filter((node) => node.controller).map((node) => node.name).sort();
     const have = [...place.querySelectorAll("input")].map((input) => input.value);
@@ -82,19 +83,38 @@ const view = (() => {
     view.freeze(true);
     view.time = time;
   };
-  // What the charts show, in s: from, to, and until when there are curves. A whole run is there before it is played.
+  // What the charts show, in s: from, to, and until when there are curves. A whole run is there before it is played:
+  // its window stands where it was put until the time leaves it, or keeps the time in its middle.
   view.range = (time) => {
     if (!known.recorded) {
       const from = Math.max(time - view.window, 0);
       return { from, to: from + view.window, until: time };
     }
     const { first, last } = known.recorded;
-    const from = Math.max(first, Math.min(time - view.window / 2, last - view.window));
+    const within = view.from !== null && view.from <= time && time <= view.from + view.window;
+    if (!within && view.from !== null) view.from = time - view.window / 2;
+    const from = Math.max(first, Math.min(view.from ?? time - view.window / 2, last - view.window));
     const to = Math.min(from + view.window, last);
     return { from, to, until: to };
   };
+  // Zoom the charts of a whole run to a span, or show `times` as much about a time.
+  view.zoom = (from, to) => {
+    const { first, last } = known.recorded;
+    view.window = Math.min(Math.max(to - from, 1e-6), last - first);
+    view.from = view.window < last - first ? Math.max(first, Math.min(from, last - view.window)) : null;
+    if (view.from !== null && (view.time < view.from || view.time > view.from + view.window)) view.time = view.from;
+    at("window").value = String(view.window === last - first ? Infinity : view.window);
+  };
+  view.zoomAbout = (time, times) => {
+    const { first, last } = known.recorded;
+    const { from, to } = view.range(view.time);
+    const span = (to - from) * times;
+    const begin = time - ((time - from) / (to - from)) * span;
+    if (span < last - first) view.zoom(begin, begin + span);
+    else view.zoom(first, last);
+  };
   const label = () => { at("play").textContent = known.recorded ? (view.stands() ? "Play" : "Pause") : view.stands() ? "Back to live" : "Freeze view"; };
-  at("window").addEventListener("change", ({ target }) => { view.window = Number(target.value); });
+  at("window").addEventListener("change", ({ target }) => { [view.window, view.from] = [Number(target.value), null]; });
   at("play-speed").addEventListener("change", ({ target }) => { view.speed = Number(target.value); });
   at("play").addEventListener("click", () => view.freeze(!view.stands()));
   at("seek").addEventListener("input", ({ target }) => view.seek(Number(target.value)));
@@ -135,6 +155,8 @@ const view = (() => {
     if (!known.recorded) return; // the keys of the trunk are grip.js's
     const { t, count } = known.plant;
     const { first, last } = known.recorded;
+    const times = { "+": 0.5, "=": 0.5, "-": 2, 0: Infinity }[key];
+    if (times) view.zoomAbout(view.time, times);
     const to = timeOfKey(event, { time: view.time, finest: count > 1 ? (t[count - 1] - t[0]) / (count - 1) : 0.001, first, last });
     if (to === undefined) return;
     event.preventDefault();
@@ -169,8 +191,8 @@ const view = (() => {
         seek.min = known.recorded ? known.recorded.first : plant.t[0];
         seek.max = known.recorded ? known.recorded.last : plant.last;
         seek.value = view.time;
-        seek.setAttribute("aria-valuetext", `${view.time.toFixed(2)} seconds`);
-        at("time").textContent = `${view.time.toFixed(2)} s`;
+        seek.setAttribute("aria-valuetext", `${view.time.toFixed(view.digits)} seconds`);
+        at("time").textContent = `${view.time.toFixed(view.digits)} s`;
         document.documentElement.dataset.ready = "true";
       }
     }

@@ -1,11 +1,11 @@
-"""The page of a run that can be changed: live, of a recording, or in a lab; and what it is made of."""
+"""The page of a run that can be changed: live, of a recording, or in a lab; and what pages are made of."""
 
 from __future__ import annotations
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-# In the order in which a page loads them. The feed gives `wire`; `own` comes before the page opens it.
+# In the order in which a page loads them. The feed gives `wire`, which page.js opens.
 _FIRST = (
     "numbers.js",
     "keys.js",
@@ -15,13 +15,18 @@ _FIRST = (
     "store.js",
     "alarm.js",
 )
-_PARTS = ("scene.js", "grip.js", "charts.js", "edits.js", "rules.js", "knobs.js")
-STYLES = ("style.css", "vendor/uPlot.min.css", "page.css")
+_PICTURES = ("scene.js", "charts.js")
+_PANELS = ("grip.js", "edits.js", "rules.js", "knobs.js")
+_STYLES = ("style.css", "vendor/uPlot.min.css", "page.css")
+STYLES = (*_STYLES, "screen.css")
+REPORT_STYLES = (*_STYLES, "report.css")
+# A report's feed comes before the charts: it says how fine they are drawn.
+REPORT_SCRIPTS = ("report_feed.js", *_FIRST, *_PICTURES, "report.js", "page.js")
 
 
 def scripts(feed: list[str], own: list[str]) -> list[str]:
     """Return the names of a page's scripts; ``feed``, ``own``: those that the other pages do not have."""
-    return [*_FIRST, *feed, *_PARTS, *own, "page.js"]
+    return [*_FIRST, *feed, *_PICTURES, *_PANELS, *own, "page.js"]
 
 
 def page(title: str, styles: str, scripts: str, lab: bool = False, policy: str = "") -> str:

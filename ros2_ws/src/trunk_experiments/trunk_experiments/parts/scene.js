@@ -6,12 +6,13 @@ const RING = 1.4; // trunk's lengths from the hip to the reference's handle
 const scene = (() => {
   const canvas = document.getElementById("scene");
   const context = canvas.getContext("2d");
-  const readout = document.getElementById("readout");
+  const readouts = [...document.querySelectorAll(".readout")]; // of each run, or one of the run that is shown
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const NARROW = 150; // CSS pixels, less than a pane has if there is room for two rows
   const panes = []; // of each run: `middle` of what is shown, m; `places` of hip, tip ... in the canvas
 
   const limits = (run) => {
+    if (run.world) return run.world.limit;
     const bounds = (run.name ? [run.name] : known.run.acting).flatMap((name) => {
       const values = known.nodes.get(name)?.parameters ?? {};
       return [values.u_clamp_max, values.u_clamp_min].filter(Number.isFinite).map(Math.abs);
@@ -19,15 +20,15 @@ const scene = (() => {
     const plant = known.world?.limit;
     return Math.min(...(Number.isFinite(plant) ? [plant] : []), Math.max(...bounds, 0) || Infinity);
   };
-  const put = (name, text) => {
+  const put = (readout, name, text) => {
     const value = readout.querySelector(`[data-value=${name}]`);
-    if (value.textContent !== text) value.textContent = text;
+    if (value && value.textContent !== text) value.textContent = text;
   };
 
   const draw = (time) => {
     const size = fitCanvas(canvas, context);
     const { runs, world } = known;
-    if (!size.width || !world || runs.every(({ plant }) => plant.row(time) < 0)) return;
+    if (!size.width || !(world || runs[0].world) || runs.every(({ plant }) => plant.row(time) < 0)) return;
     const columns = size.width / runs.length < NARROW ? Math.ceil(runs.length / 2) : runs.length;
     const pane = { width: size.width / columns, tall: size.tall / Math.ceil(runs.length / columns) };
     runs.forEach((run, index) => {
@@ -41,14 +42,18 @@ const scene = (() => {
       if (run.plant.row(time) >= 0) drawRun(run, index, time, pane, [left, top]);
       context.restore();
     });
-    const { places } = panes[known.shown];
-    if (!places) return;
-    if (known.control_allowed) paintHandles();
-    put("t", `${time.toFixed(2)} s`);
-    put("theta", `${showNumber(Math.round(1000 * places.theta) / 1000)}°`);
-    put("reference", `${showNumber(places.reference)}°`);
-    put("torque", `${showNumber(places.torque)} N·m`);
-    put("push", grip.words());
+    if (known.control_allowed && panes[known.shown].places) paintHandles();
+    readouts.forEach((readout, index) => {
+      const { places } = panes[readouts.length > 1 ? index : known.shown];
+      if (!places) return;
+      put(readout, "t", `${time.toFixed(2)} s`);
+      put(readout, "theta", `${showNumber(Math.round(1000 * places.theta) / 1000)}°`);
+      put(readout, "reference", `${showNumber(places.reference)}°`);
+      put(readout, "torque", `${showNumber(places.torque)} N·m`);
+      put(readout, "x", `${showNumber(places.x)} m`);
+      put(readout, "fell", places.fell ? `at ${showNumber(places.fell.t, 6)} s` : "not yet");
+      put(readout, "push", grip.words());
+    });
   };
 
   const drawRun = (run, index, time, size, [left, top]) => {
@@ -56,7 +61,7 @@ const scene = (() => {
     const row = plant.row(time);
     const told = control.row(time);
     const x = plant.value("x", row);
-    const { path } = known.world;
+    const { path } = run.world ?? known.world;
     const length = path.length;
     const rise = Math.abs(path.amplitude) + path.harmonics.reduce((sum, v) => sum + Math.abs(v), 0);
     const [low, high] = [-rise - 0.5 * length, rise + 1.6 * length];
@@ -80,13 +85,13 @@ const scene = (() => {
       },
       {
         x, theta, measured: control.value("measurement", told) * DEGREES, reference, torque,
-        pulse: known.pulses.find(({ start, end }) => start <= time && time < end)?.text ?? null,
+        pulse: known.pulses.find(({ start, end, runs }) => start <= time + 1e-10 && time + 1e-10 < end && (runs ?? [index]).includes(index))?.text ?? null,
         ...(run.ended && time >= plant.last ? { fell: plant.last, ended: run.ended } : { fell: fall ? fall.t : null }),
       },
     );
     if (known.runs.length > 1) paintName(run, color, size, index === known.shown);
     for (const place of ["hip", "tip", "ghost"]) places[place] = [places[place][0] + left, places[place][1] + top];
-    panes[index] = { middle, places: { ...places, theta, reference, torque, rate: plant.value("theta_dot", row) } };
+    panes[index] = { middle, places: { ...places, theta, reference, torque, x, fell: fall, rate: plant.value("theta_dot", row) } };
   };
   const paintName = (run, color, { width, tall }, shown) => {
     context.fillStyle = color;

@@ -77,6 +77,8 @@ class Run {
     this.control = new Store(true);
     this.events = []; // all since the page was opened, and those that the gateway still had
     this.ended = ""; // how, before its time: "diverged"
+    this.hidden = false; // its curves are
+    this.world = null; // its own path and limit, where runs have different ones
     this.before = null; // { plant, control, events } of the run without its branch
   }
 }
@@ -86,7 +88,9 @@ const known = {
   runs: [new Run()],
   shown: 0, // which of them charts, rules and gains show
   pushes: new Store(true),
-  pulses: [], // of the plan: { start, end in s, text }, as far as they are known
+  pulses: [], // of the plan: { start, end in s, text }, as far as they are known; `runs`: on which alone they act
+  pushed: [], // [from, to] in s: when an operator pushed, where that is known
+  marks: null, // { t, kind, words } of what happened, where a feed has them all; otherwise falls and the branch
   streams: [], // number -> { name, columns }
   nodes: new Map(), // name -> { state, controller, parameters }
   declared: new Map(),

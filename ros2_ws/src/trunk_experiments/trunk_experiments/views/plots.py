@@ -106,12 +106,12 @@ def save(figure: Figure, path: Path) -> None:
         part.write_bytes(picture)
 
 
-def drawn(figure: Figure, suffix: str) -> bytes:
+def drawn(figure: Figure, suffix: str, dpi: int = DPI) -> bytes:
     """Return the picture in the format of one of `SUFFIXES`."""
     picture = BytesIO()
     with rc_context(STYLE):
         figure.savefig(
-            picture, format=suffix[1:], dpi=DPI, metadata=SUFFIXES[suffix], facecolor="white"
+            picture, format=suffix[1:], dpi=dpi, metadata=SUFFIXES[suffix], facecolor="white"
         )
     return picture.getvalue()
 
@@ -123,6 +123,8 @@ BRANCH = "#0072B2"
 BRANCH_LINE: dict[str, Any] = {"color": BRANCH, "linewidth": 1.4, "linestyle": (0, (6, 2))}
 _COLUMNS = 5  # of the legend: more are wider than the figure
 _NAMED_TURNS = 6  # more would overlap
+_LONG_PATH = 20_000  # rows
+_CELLS_OF_PATH = 800  # on each side of a picture
 
 
 def with_doubts(name: str, view: RunView) -> str:
@@ -317,6 +319,41 @@ def overview(views: Sequence[RunView], names: Sequence[str] | None = None) -> Fi
     return figure
 
 
+def planes(views: Sequence[RunView]) -> Figure:
+    """Return hip path and phase portrait of one run or several, side by side."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(10.0, 3.6), layout="constrained")
+        path, phase = figure.subplots(1, 2)
+        _path(path, views)
+        _phase(phase, views)
+    return figure
+
+
+def thinned_path(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return a path in a plane without what a picture cannot show; a short one as it is.
+
+    Of a long one, rows that stay within a cell are left out, and steps that the path has taken before.
+    """
+    if len(x) < _LONG_PATH:
+        return x, y
+    finite = np.isfinite(x) & np.isfinite(y)
+    x, y = x[finite], y[finite]
+    if len(x) < _LONG_PATH:
+        return x, y
+    column, row = (
+        np.floor((v - v.min()) / (np.ptp(v) or 1.0) * _CELLS_OF_PATH).astype(np.int64)
+        for v in (x, y)
+    )
+    cell = column * (_CELLS_OF_PATH + 1) + row
+    moved = np.flatnonzero(np.diff(cell, prepend=-1))
+    step = np.append(-1, cell[moved[:-1]]) * (_CELLS_OF_PATH + 1) ** 2 + cell[moved]
+    new = np.zeros(len(moved), bool)
+    new[np.unique(step, return_index=True)[1]] = True
+    kept = np.flatnonzero(new | np.append(new[1:], False))  # a step's beginning, and its end
+    at = np.insert(moved[kept], np.flatnonzero(np.diff(kept) > 1) + 1, -1)
+    return np.where(at < 0, nan, x[at]), np.where(at < 0, nan, y[at])
+
+
 def paper_figure(
     views: Sequence[RunView], number: int, names: Sequence[str] | None = None
 ) -> Figure:
@@ -491,7 +528,7 @@ def _phase(axes: Axes, views: Sequence[RunView]) -> None:
         return
     for i, view in enumerate(views):
         theta, rate = np.degrees(view.table.theta), view.table.theta_dot
-        axes.plot(theta, rate, **line_style(i), linewidth=1.0)
+        axes.plot(*thinned_path(theta, rate), **line_style(i), linewidth=1.0)
         axes.plot(theta[:1], rate[:1], "o", color="#222222", markersize=5, zorder=5)
         axes.plot(theta[-1:], rate[-1:], "s", color=line_style(i)["color"], markersize=5, zorder=5)
     axes.set_title("Phase portrait (● start, ■ end)")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import base64
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.files import resolve_path
@@ -19,11 +21,14 @@ from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
 from ..results import number
 from .compare import Row, differing_parameters, metric_rows, table_axes, table_grids
+from .plots import drawn, planes
 from .report_data import report_data
+from .rule_plots import surface
 from .rule_use import rule_use
 from .run_view import RunView, labels
 from .task import different_tasks
 
+_SURFACE_DPI = 60  # of what is not lines: a surface is smooth
 _NOT_OURS = (
     "not judged: the states are another robot's; the angle is shown as measured, the torque as commanded, "
     "and hip and true angle are not known"
@@ -62,7 +67,16 @@ class RunSection:
     topics: tuple[tuple[str, str, int], ...]  # name, type, messages
     rules: RuleUse | None  # None: the law has no rules
     hip: bool  # False: another robot, of whose hip nothing is known
-    rate: bool  # False: velocities were not measured
+
+
+@dataclass(frozen=True)
+class PlanePicture:
+    """Planes as an SVG file, over which the page moves a dot for each run."""
+
+    title: str
+    text: str
+    source: str  # a data URL
+    axes: tuple[dict[str, Any], ...]
 
 
 @dataclass(frozen=True)
@@ -77,6 +91,7 @@ class Report:
     tables: tuple[
         tuple[str, list[list[str]]], ...
     ]  # rule tables that differ: a title, rows of texts
+    pictures: tuple[PlanePicture, ...]
     data: dict[str, Any]
 
 
@@ -97,6 +112,7 @@ def make_report(views: Sequence[RunView]) -> Report:
         no_metrics=reason,
         differing={n: differing_texts(values, axes.get(n)) for n, values in differing.items()},
         tables=tuple(table_grids(names, differing, axes)),
+        pictures=tuple(_pictures(views, names)),
         data=report_data(views),
     )
 
@@ -147,8 +163,55 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         topics=tuple((n, topic.type, topic.count) for n, topic in sorted(recording.topics.items())),
         rules=_rules(view),
         hip=not view.run.another_robot,
-        rate=not np.isnan(table.theta_dot).all(),
     )
+
+
+def _pictures(views: Sequence[RunView], names: Sequence[str]) -> Iterator[PlanePicture]:
+    everyone = list(range(len(views)))
+    hips = [i for i in everyone if not views[i].run.another_robot]
+    yield _picture(
+        planes(views),
+        "Hip path and phase portrait",
+        "Dots: where each run is at the time shown.",
+        [(["x", "height"], hips, False), (["theta", "theta_dot"], everyone, False)],
+    )
+    for i, view in enumerate(views):
+        if isinstance(view.controller, RuleBaseConfig) and view.terms is not None:
+            columns = ["rules_e", "rules_rate"]
+            yield _picture(
+                surface(view),
+                f"Fuzzy surfaces of {names[i]}",
+                "What the rules infer at each error e and rate ė, and the run's path; "
+                "inputs beyond the edge act like the edge.",
+                [(columns, [i], True) for _ in view.controller.tables],
+            )
+
+
+def _picture(
+    figure: Figure, title: str, text: str, of: Sequence[tuple[list[str], list[int], bool]]
+) -> PlanePicture:
+    """Return a figure for the page.
+
+    ``of``: for each of its axes, the columns over them, the runs, and whether these stay within its edges.
+    """
+    data = drawn(figure, ".svg", _SURFACE_DPI)  # which gives the axes their places
+    axes = []
+    places = [place for place in figure.axes if place.get_label() != "<colorbar>"]
+    for place, (columns, runs, edge) in zip(places, of, strict=True):
+        box = place.get_position()
+        scale = np.radians if columns[0] in ("theta", "rules_e") else np.asarray
+        axes.append(
+            {
+                "box": [box.x0, 1.0 - box.y1, box.width, box.height],
+                "x": scale(place.get_xlim()).tolist(),
+                "y": list(place.get_ylim()),
+                "of": columns,
+                "runs": runs,
+                "edge": edge,
+            }
+        )
+    source = f"data:image/svg+xml;base64,{base64.b64encode(data).decode('ascii')}"
+    return PlanePicture(title, text, source, tuple(axes))
 
 
 def _rules(view: RunView) -> RuleUse | None:

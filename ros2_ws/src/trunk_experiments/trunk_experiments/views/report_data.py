@@ -1,33 +1,33 @@
-"""A report page's plots and animation as plain values: columns, surfaces, rule use."""
+"""What a report's page plays and draws, as plain values: the runs' columns, and what happened to them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import base64
+import gzip
+from collections.abc import Iterator, Sequence
 from math import degrees, isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.config import SimulatorConfig
 
+from ..analysis.metrics import SETTLING_BAND_DEG
 from ..analysis.parameter_text import changed_parameters
+from ..analysis.run_table import held_at
 from ..recorded.inputs import Pulse
 from .own_terms import OwnTerm, gains_told, own_terms, values_of_term
-from .packing import Columns, packed, packed_columns
 from .run_view import INPUTS, RunView, labels, off_scale
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_table import Floats
+    from trunk_msgs_util.recording.joint_table import Floats, Integers
 
-_SURFACE_POINTS = 61  # per side, at least: seven evenly spaced peaks fall on grid points
-_MOST_TEXT = 6_000_000  # characters of all columns; beyond it they are rounded
-_EXACT_ROWS = 150_000  # more are not even tried: they do not fit
-_MOST_MARKS = 40
-_BITS = (24, 20, 16)  # of a curve's usual range; 16 are 30 times what a screen can show
-_STRETCHES = 16  # by which the size of long columns is judged
+_EXACT_ROWS = 150_000  # of all runs; more are reduced to bins
+_BINNED_ROWS = 60_000
+_DIFFERENCES = 3  # a smooth curve has half the size that its doubles have
+_MOST_CHANGES = 40  # more would hide the curves
 CHANNEL_TEXTS = {  # what a pulse acts on, its unit
     "hip_effort": ("on the hip", "N"),
     "trunk_effort": ("on the trunk", "N·m"),
@@ -37,110 +37,133 @@ CHANNEL_TEXTS = {  # what a pulse acts on, its unit
 
 
 def report_data(views: Sequence[RunView]) -> dict[str, Any]:
-    """Return the data of all runs, ready for JSON.
+    """Return the data of all runs, ready for JSON; angles in rad.
 
-    Columns are exact to the last bit while that makes a small page; of long runs they are rounded to as many
-    `bits` of a curve's usual range as fit.
+    Columns are exact to the last bit; those of long runs hold each ``bin`` states' least and greatest value.
     """
     own = own_terms(views)
-    columns = [_columns(view, own) for view in views]
-    updates = [_updates(view) for view in views]
+    names = labels(views)
     rows = sum(len(view.table.t) for view in views)
-    parts = [*columns, *updates]
-    for bits in (None, *_BITS) if rows <= _EXACT_ROWS else _likely_bits(parts):
-        texts = [
-            [packed_columns(part, bits) for part in run]
-            for run in zip(columns, updates, strict=True)
-        ]
-        if sum(_size(part) for run in texts for part in run) <= _MOST_TEXT:
-            break
+    size = 1 if rows <= _EXACT_ROWS else -(-2 * rows // _BINNED_ROWS)
+    references = [_reference(view) for view in views]
     return {
         "runs": [
-            _run(view, label, *text)
-            for view, label, text in zip(views, labels(views), texts, strict=True)
+            {
+                "name": name if len(views) > 1 else "",
+                "world": _world(view),
+                "fell": _fell(view),
+                "columns": packed(_columns(view, own), size),
+                "reference": references.index(reference),  # the first run that has the same
+                "measured": not np.allclose(
+                    view.table.theta_measured,
+                    view.table.theta,
+                    rtol=0.0,
+                    atol=2e-11,
+                    equal_nan=True,
+                ),
+            }
+            for view, name, reference in zip(views, names, references, strict=True)
         ],
-        "own": [{"id": f"own-{term.name}", "name": term.name, "unit": term.unit} for term in own],
+        "bin": size,
+        "band": SETTLING_BAND_DEG,
+        "own": [{"name": term.name, "unit": term.unit} for term in own],
         "gains": gains_told(views),
-        "bits": bits,
+        "limits": sorted({bound for view in views for bound in view.limits if isfinite(bound)}),
+        "pulses": _pulses(views),
+        "pushed": [[push["start"], push["end"]] for view in views for push in _pushes(view)],
+        "marks": _marks(views, names),
     }
 
 
-def _likely_bits(parts: Sequence[dict[str, Floats]]) -> tuple[int, ...]:
-    """Return the bits with which long columns will fit, most first, judged by a tenth of their rows."""
+def packed(columns: dict[str, Floats], size: int = 1) -> dict[str, Any]:
+    """Return columns for JSON, equal ones once: differences of their bits, bytes of equal weight together.
 
-    def stretches(values: Floats) -> Floats:
-        length = len(values) // (10 * _STRETCHES)
-        starts = (k * len(values) // _STRETCHES for k in range(_STRETCHES))
-        return np.concatenate([values[start : start + length] for start in starts])
+    ``size``: of so many states each, the least and the greatest value are left; 1: of every state its own.
+    """
+    places: dict[str, int] = {}
+    seen: dict[bytes, int] = {}
+    distinct: list[Integers] = []
+    for name, column in columns.items():
+        values = np.ascontiguousarray(
+            column if size == 1 else _extremes(column, size, name == "t"), "<f8"
+        )
+        places[name] = seen.setdefault(values.tobytes(), len(seen))
+        if len(distinct) < len(seen):
+            distinct.append(values.view("<i8"))
+    bits: Integers = np.stack(distinct)
+    for _ in range(_DIFFERENCES):
+        bits = np.diff(bits, axis=1, prepend=np.int64(0))
+    data = np.ascontiguousarray(bits).view(np.uint8).reshape(-1, 8).T.tobytes()
+    return {
+        "places": places,
+        "count": bits.shape[1],
+        "differences": _DIFFERENCES,
+        "data": base64.b64encode(gzip.compress(data, 6, mtime=0)).decode("ascii"),
+    }
 
-    few = [{name: stretches(values) for name, values in part.items()} for part in parts]
-    for k, bits in enumerate(_BITS):
-        if 10 * sum(_size(packed_columns(part, bits)) for part in few) <= _MOST_TEXT:
-            return _BITS[k:]
-    return _BITS[-1:]
 
-
-def _size(columns: Columns) -> int:
-    """Return the number of characters that columns take."""
-    return sum(len(column.get("packed", "")) for column in columns.values())
+def _extremes(values: Floats, size: int, times: bool) -> Floats:
+    """Return each ``size`` values' least and greatest in their order, or of times the first and the last."""
+    bins = -(-len(values) // size)
+    rows = np.pad(values, (0, bins * size - len(values)), mode="edge").reshape(bins, size)
+    if times:
+        return rows[:, [0, -1]].ravel()
+    gaps = np.isnan(rows)
+    least = np.where(gaps, np.inf, rows).argmin(axis=1)
+    most = np.where(gaps, -np.inf, rows).argmax(axis=1)
+    at = np.sort(np.stack([least, most], axis=1), axis=1)
+    return np.take_along_axis(rows, at, axis=1).ravel()
 
 
 def _columns(view: RunView, own: Sequence[OwnTerm]) -> dict[str, Floats]:
-    """Return the columns shown of the states, by name; angles in degrees."""
+    """Return the columns of the states that are shown, by name."""
     table = view.table
-    # Another robot is drawn as a pendulum on a fixed pivot.
-    x = np.zeros_like(table.x) if view.run.another_robot else table.x
-    return {
+    columns = {
         "t": table.t,
-        "x": x,
-        "theta": np.degrees(table.theta),
-        "measured": np.degrees(table.theta_measured),
-        "reference": np.degrees(table.reference),
-        "rate": table.theta_dot,
+        # Another robot is drawn as a pendulum on a fixed pivot.
+        "x": np.zeros_like(table.x) if view.run.another_robot else table.x,
+        "theta": table.theta,
+        "theta_dot": table.theta_dot,
         "torque": table.torque,
+        "reference": table.reference,
+        "measurement": table.theta_measured,
         "kp": table.kp,
         "ki": table.ki,
         "kd": table.kd,
         "alpha": table.alpha,
-        **{f"own-{term.name}": values_of_term(view, term) for term in own},
+        **{term.name: values_of_term(view, term) for term in own},
     }
+    if view.terms is not None:
+        at = np.rint(table.t * NANOSECONDS).astype(np.int64) + view.run.begin_ns
+        for name, column in zip(("rules_e", "rules_rate"), INPUTS, strict=True):
+            columns[name] = held_at(at, view.terms.stamp_ns, view.terms.column(*column))
+    return columns
 
 
-def _run(view: RunView, label: str, columns: Columns, updates: Columns) -> dict[str, Any]:
-    controller = view.controller
-    low, high = view.limits
+def _reference(view: RunView) -> bytes:
+    """Return a key that is equal for runs of one reference: its values with the times of its changes."""
+    t, values = view.table.t, view.table.reference
+    changes = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
+    return np.concatenate([t[changes], values[changes]]).tobytes()
+
+
+def _world(view: RunView) -> dict[str, Any]:
+    """Return the hip path, and the torque that the picture shows as half a turn."""
     amplitude, wavenumber, harmonics = view.hip_path
     if view.run.another_robot:
         amplitude, harmonics = 0.0, None
+    bounds = [abs(bound) for bound in view.limits if isfinite(bound)]
+    torque = np.abs(view.table.torque[np.isfinite(view.table.torque)])
+    usual = off_scale(view.table.torque) or float(torque.max(initial=0.0)) or 1.0
     return {
-        "label": label,
-        "title": view.title,
-        "columns": columns,
-        "limits": [low if isfinite(low) else None, high if isfinite(high) else None],
         "path": {
             "amplitude": amplitude,
             "wavenumber": wavenumber,
             "harmonics": harmonics or (),
             "length": (view.simulator or SimulatorConfig()).length,
         },
-        "pushes": _pushes(view),
-        "pulses": [{"start": p.start, "end": p.end, "text": pulse_text(p)} for p in view.pulses],
-        "fell": _fell(view),
-        "branch": None if view.run.branch is None else view.run.branch.at,
-        "changed": _changed(view),
-        "turns": [turn._asdict() for turn in view.turns],
-        "torqueRange": off_scale(view.table.torque),
-        "fuzzy": _surfaces(controller, updates) if isinstance(controller, RuleBaseConfig) else None,
+        "limit": max(bounds, default=usual),
     }
-
-
-def _changed(view: RunView) -> list[dict[str, object]]:
-    """Return the parameters that were changed while the run went on; nothing where marks hide the curves."""
-    changes = changed_parameters(view.run)
-    return [
-        {"t": c.t, "text": f"{c.node}: {c.name} {c.words}"}
-        for c in (changes if len(changes) <= _MOST_MARKS else ())
-    ]
 
 
 def _fell(view: RunView) -> float | None:
@@ -149,11 +172,56 @@ def _fell(view: RunView) -> float | None:
     return None if fell_ns is None else (fell_ns - view.run.begin_ns) / NANOSECONDS
 
 
+def _pulses(views: Sequence[RunView]) -> list[dict[str, Any]]:
+    """Return each pulse with the runs on which it acts."""
+    runs: dict[Pulse, list[int]] = {}
+    for index, view in enumerate(views):
+        for pulse in dict.fromkeys(view.pulses):
+            runs.setdefault(pulse, []).append(index)
+    return [
+        {"start": p.start, "end": p.end, "text": pulse_text(p), "runs": indices}
+        for p, indices in runs.items()
+    ]
+
+
 def pulse_text(pulse: Pulse) -> str:
     """Return the effect of a pulse as text: ``+100° on the measured angle``."""
     where, unit = CHANNEL_TEXTS[pulse.channel]
     value = degrees(pulse.magnitude) if unit == "°" else pulse.magnitude
     return f"{value:+.4g}{'' if unit == '°' else ' '}{unit} {where}"
+
+
+def _marks(views: Sequence[RunView], names: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the events of the runs by time, with the runs' names unless all runs share them."""
+    runs: dict[tuple[float, str, str], list[str]] = {}
+    for view, name in zip(views, names, strict=True):
+        for mark in _happened(view):
+            runs.setdefault(mark, []).append(name)
+    return [
+        {
+            "t": t,
+            "kind": kind,
+            "words": words if len(whose) == len(views) else f"{words} ({', '.join(whose)})",
+        }
+        for (t, kind, words), whose in sorted(runs.items())
+    ]
+
+
+def _happened(view: RunView) -> Iterator[tuple[float, str, str]]:
+    """Yield time in s, kind and words of what happened in a run."""
+    for turn in view.turns[1:]:
+        yield turn.start, "turn", f"→ {turn.controller}"
+    changes = changed_parameters(view.run)
+    for change in changes if len(changes) <= _MOST_CHANGES else ():
+        yield change.t, "change", f"{change.node}: {change.name} {change.words}"
+    if view.run.branch is not None:
+        yield view.run.branch.at, "branch", "branch"
+    if (fell := _fell(view)) is not None:
+        yield fell, "fell", "fell"
+    for push in _pushes(view):
+        force, torque = push["force"], push["torque"]
+        parts = [f"{force:.3g} N"] * (force > 0.0) + [f"{torque:.3g} N·m"] * (torque > 0.0)
+        yield push["start"], "push", f"push, {' and '.join(parts)}"
 
 
 def _pushes(view: RunView) -> list[dict[str, float]]:
@@ -176,57 +244,3 @@ def _pushes(view: RunView) -> list[dict[str, float]]:
         }
         for first, after in edges.reshape(-1, 2).tolist()
     ]
-
-
-def _updates(view: RunView) -> dict[str, Floats]:
-    """Return the stamps [s], errors [degrees] and rates [rad/s] that were the inputs of the inference."""
-    if view.terms is None:
-        return {}
-    error, rate = (view.terms.column(*column) for column in INPUTS)
-    return {
-        "t": (view.terms.stamp_ns - view.run.begin_ns) / NANOSECONDS,
-        "error": np.degrees(error),
-        "rate": rate,
-    }
-
-
-class Surface(NamedTuple):
-    """What a rule base infers on a grid over its universe."""
-
-    errors: Floats  # rad
-    rates: Floats  # rad/s
-    values: Floats  # [rate, error, output]
-
-
-def surface_of(config: RuleBaseConfig) -> Surface:
-    """Return the values that the rules of a controller infer, on a grid from its first peaks to its last."""
-    errors, rates = (
-        np.linspace(peaks[0], peaks[-1], max(_SURFACE_POINTS, 2 * len(peaks) - 1), dtype=np.float64)
-        for peaks in config.peaks
-    )
-    infer = config.inference
-    grid = [[infer(e, r) for e in errors.tolist()] for r in rates.tolist()]
-    return Surface(errors, rates, np.array(grid))
-
-
-def _surfaces(config: RuleBaseConfig, updates: Columns) -> dict[str, Any]:
-    surface = surface_of(config)
-    outputs = [
-        {
-            "id": table.name,
-            "values": packed(surface.values[:, :, i].ravel()),
-            "range": None if table.name == "alpha" else table.numbers[:2],
-        }
-        for i, table in enumerate(config.tables)
-    ]
-    error_peaks, rate_peaks = config.peaks
-    return {
-        "error": packed(np.degrees(surface.errors)),
-        "rate": packed(surface.rates),
-        "outputs": outputs,
-        "errorPeaks": [degrees(peak) for peak in error_peaks],
-        "ratePeaks": list(rate_peaks),
-        "errorLabels": list(config.axes.error),
-        "rateLabels": list(config.axes.rate),
-        "updates": updates,
-    }

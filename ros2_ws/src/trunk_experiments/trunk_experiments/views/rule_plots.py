@@ -14,11 +14,11 @@ from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import NANOSECONDS
 
 from ..errors import PlanError
-from .plots import COLORS, STYLE
-from .report_data import surface_of
+from .plots import COLORS, STYLE, thinned_path
 from .run_view import RunView
 
 _MOST_LABELS = 13  # on one axis; more are thinned out
+_SURFACE_POINTS = 61  # per side, at least: seven evenly spaced peaks fall on grid points
 _CELLS = 9  # rows and columns of a table whose cells are written into its surface
 
 
@@ -37,6 +37,25 @@ class _Input(NamedTuple):
     peaks: Floats
     labels: tuple[str, ...]
     values: Floats  # of the updates
+
+
+class Surface(NamedTuple):
+    """What a rule base infers on a grid over its universe."""
+
+    errors: Floats  # rad
+    rates: Floats  # rad/s
+    values: Floats  # [rate, error, output]
+
+
+def surface_of(config: RuleBaseConfig) -> Surface:
+    """Return the values that the rules of a controller infer, on a grid from its first peaks to its last."""
+    errors, rates = (
+        np.linspace(peaks[0], peaks[-1], max(_SURFACE_POINTS, 2 * len(peaks) - 1), dtype=np.float64)
+        for peaks in config.peaks
+    )
+    infer = config.inference
+    grid = [[infer(e, r) for e in errors.tolist()] for r in rates.tolist()]
+    return Surface(errors, rates, np.array(grid))
 
 
 def memberships(view: RunView) -> Figure:
@@ -170,8 +189,9 @@ def _path_over(axes: Axes, error: _Input, rate: _Input) -> None:
     """Draw the run's path; inputs beyond the edge act like the edge."""
     e = np.clip(error.values, error.peaks[0], error.peaks[-1])
     r = np.clip(rate.values, rate.peaks[0], rate.peaks[-1])
-    axes.plot(e, r, color="black", linewidth=2.6, solid_capstyle="round")
-    axes.plot(e, r, color="white", linewidth=1.0, solid_capstyle="round")
+    line = thinned_path(e, r)
+    axes.plot(*line, color="black", linewidth=2.6, solid_capstyle="round")
+    axes.plot(*line, color="white", linewidth=1.0, solid_capstyle="round")
     if len(e):
         marks: dict[str, Any] = {"markeredgecolor": "black", "linestyle": "none", "zorder": 4}
         axes.plot(e[:1], r[:1], marker="o", color="white", markersize=10, label="start", **marks)
