@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
-from math import isnan, nan
+from math import inf, isnan, nan
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -358,7 +358,7 @@ def run_lanes(
         loop(shape, cells.reshape(-1), series, history, _NONE if trace is None else trace)
         metrics[:, block] = cells[SUMS : SUMS + len(metrics), :used]
         left[block] = cells[LEFT, :used] != 0.0
-    large = np.isinf(metrics)
+    large = np.abs(metrics) == inf
     large[MetricNumbers._fields.index(SETTLING)] = False  # a run that never settles
     left |= large.any(axis=0)  # refused: the run alone says why
     return left, metrics
