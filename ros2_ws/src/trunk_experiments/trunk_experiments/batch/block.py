@@ -25,7 +25,7 @@ from trunk_sim.disturbances import Signals
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import noisy
 
-from ..analysis.metrics import MetricNumbers, Metrics, metrics_from, no_rows, steady_from
+from ..analysis.metrics import SETTLING, MetricNumbers, Metrics, metrics_from, no_rows, steady_from
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..runs.loop_inputs import check_compilable
@@ -358,7 +358,9 @@ def run_lanes(
         loop(shape, cells.reshape(-1), series, history, _NONE if trace is None else trace)
         metrics[:, block] = cells[SUMS : SUMS + len(metrics), :used]
         left[block] = cells[LEFT, :used] != 0.0
-    left |= (np.abs(metrics) == inf).any(axis=0)  # refused: the run alone says why
+    large = np.abs(metrics) == inf
+    large[MetricNumbers._fields.index(SETTLING)] = False  # a run that never settles
+    left |= large.any(axis=0)  # refused: the run alone says why
     return left, metrics
 
 
