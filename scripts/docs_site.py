@@ -26,6 +26,7 @@ PAGES = {  # as they are called in the repository, and in the site
     "CHANGELOG.md": "changelog.md",
     "SECURITY.md": "security_policy.md",
     "docker/README.md": "docker.md",
+    "examples/ros2_control/README.md": "ros2_control.md",
 }
 COPIES = "source"  # folder in the site with the files of the repository that pages link to
 

@@ -26,7 +26,10 @@ BROKEN = {
     "`scripts/nowhere.py`": "`scripts/nowhere.py`, which does not exist",
 }
 LAB = "<!DOCTYPE html><title>fig6, a lab</title>"
-SMALL = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "docker/README.md")
+SMALL = (
+    *("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md"),
+    *("docker/README.md", "examples/ros2_control/README.md"),
+)
 
 pytestmark = pytest.mark.slow
 
@@ -123,7 +126,7 @@ def test_broken_links_are_refused(site, tmp_path):
         text = (ROOT / name).read_text(encoding="utf-8")
         (tmp_path / name).write_text(text.split("\nnav:\n")[0], encoding="utf-8")
     for name in SMALL:
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("# A page\n", encoding="utf-8")
     page = "# Start\n\n" + "\n\n".join(BROKEN)
     (tmp_path / "docs" / "start.md").write_text(page, encoding="utf-8")

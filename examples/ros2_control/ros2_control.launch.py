@@ -1,4 +1,4 @@
-"""The plant under ros2_controllers' pid_controller: see docs/ros2_control.md."""
+"""The plant under ros2_controllers' pid_controller: see README.md."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from .processes import Child, Children
 
 pytestmark = pytest.mark.graph
 
-PAGE = Path(__file__).parents[2] / "docs" / "ros2_control.md"
+PAGE = Path(__file__).parents[2] / "examples" / "ros2_control" / "README.md"
 LOCKSTEP = "lockstep.enabled:=true"
 
 
