@@ -209,6 +209,8 @@ def _judge_robot(run: RecordedRun, verdict: Verdict) -> None:
         if not reasons:
             rerun = Rerun(run)
             rerun.compare()
+            for answers in rerun.answers.values():
+                settle(run, answers.process, [answers.check])
             verdict.checks += rerun.checks
             span = seconds(int(np.ptp(commands)))
             verdict.judged = f"{len(commands)} commands in {span:g} s to a plant that is not ours"
