@@ -407,6 +407,28 @@ def test_each_process_that_answers_another_robot_is_judged_by_itself(ordered, tm
     assert ("order is not known" in second.reason) != ordered
 
 
+@pytest.mark.parametrize("counted", [False, True])
+def test_a_killed_controller_of_another_robot_is_not_accused(counted, tmp_path):
+    """What it was told may be lost with it; one that said what it published is held to that."""
+    at_ns = 100 * H
+    plan = replace(plan_of(), changes={"pid": [Change(at_ns - 1, {"gains.p": 75.0})]})
+    source, path = tmp_path / "whole.mcap", tmp_path / "robot.mcap"
+    record_real_time(plan, source)
+
+    def edit(messages):
+        messages[:] = [m for m in messages if m[0] not in (TRUTH, INPUTS)]
+        messages[:] = [m for m in messages if m[0] == STATE or b"/simulator\0" not in m[2]]
+        lost = [m for m in of(messages, EVENTS) if b"retuned" in m[2]]
+        lost += [m for m in of(messages, EVENTS) if b"published" in m[2] and not counted]
+        lost += [m for m in of(messages, PARAMETERS) if parse_parameter_event(m[2]).changed]
+        messages[:] = [m for m in messages if m not in lost]
+
+    verdict = verify(copied(source, path, edit, ANEW, end=False))
+    assert verdict.exit_code == (DIVERGES if counted else UNJUDGED)
+    check = checks(verdict)["commands of pid"]
+    assert (check.steps, check.wrong_steps > 0) == (201 if counted else 100, counted)
+
+
 @pytest.mark.parametrize("sets", [2, 3])
 @pytest.mark.parametrize(("other", "code"), [({}, VERIFIED), ({"pulse.magnitude": 9.0}, DIVERGES)])
 def test_each_process_of_a_disturbance_may_leave_its_first_parameters_unnamed(
