@@ -58,7 +58,7 @@ def drawn(page, name):
     """Return what a chart draws, in sight or not: its lines by label, each with times and values."""
     return page.evaluate(
         """async (name) => {
-            strips.drawAll(view.time);
+            strips.drawAll(view.time, false);
             await new Promise((done) => setTimeout(done));
             const { plot, lines } = strips.made.get(name);
             const values = plot.data.map((column) => Array.from(column));

@@ -146,6 +146,7 @@ const strips = (() => {
     return chart;
   };
   // Of a whole run: drag to zoom, with Shift to move what is shown, Ctrl and the wheel to zoom; a click sets the time.
+  let rested = ""; // where the pointer was last
   const listen = (chart) => {
     const { target } = chart;
     const timeAt = ({ clientX }) => {
@@ -159,6 +160,9 @@ const strips = (() => {
     });
     target.addEventListener("pointermove", (event) => {
       if (!known.recorded) return;
+      const place = `${event.clientX} ${event.clientY}`;
+      if (place === rested) return; // the page has moved under a pointer that rests
+      rested = place;
       if (!down || !event.buttons) {
         point(chart, timeAt(event), event);
         return;
@@ -416,11 +420,11 @@ const strips = (() => {
     if (figures.length !== place.children.length || figures.some((figure, i) => figure !== place.children[i])) place.replaceChildren(...figures);
   };
 
-  // Also those that are not in sight, at their present sizes.
-  const drawAll = (time) => {
+  // Also those that are not in sight; `anew`: in other colours, at other sizes.
+  const drawAll = (time, anew) => {
     arrange();
     for (const chart of made.values()) {
-      build(chart);
+      if (anew) build(chart);
       chart.seen = true;
     }
     draw(time);

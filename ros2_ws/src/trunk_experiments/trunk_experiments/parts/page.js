@@ -99,6 +99,7 @@ const view = (() => {
   };
   // Zoom the charts of a whole run to a span, or show `times` as much about a time.
   view.zoom = (from, to) => {
+    if (!(from <= to)) return; // a chart that is not drawn yet has no times
     const { first, last } = known.recorded;
     view.window = Math.min(Math.max(to - from, 1e-6), last - first);
     view.from = view.window < last - first ? Math.max(first, Math.min(from, last - view.window)) : null;

@@ -17,7 +17,7 @@
     forgetColors();
     at("paper-time").textContent = `Animation and values: at t = ${view.time.toFixed(3)} s`;
     paintKeys();
-    strips.drawAll(view.time);
+    strips.drawAll(view.time, true);
     scene.draw(view.time);
   };
   addEventListener("beforeprint", () => lay(true));
@@ -84,7 +84,7 @@
     view.playing = false; // nothing moves by itself
     paintKeys();
     requestAnimationFrame(() => requestAnimationFrame(() => {
-      strips.drawAll(view.time);
+      strips.drawAll(view.time, false);
       root.dataset.ready = "true";
       page.close();
       frame.remove();

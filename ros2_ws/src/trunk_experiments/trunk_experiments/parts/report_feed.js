@@ -93,13 +93,7 @@ const wire = (() => {
     view.zoom(known.recorded.first, known.recorded.last);
     say("recorded", known.recorded);
   };
-  return {
-    EVERY_MS: 16,
-    open, kinds, subtract,
-    listen: (listener) => listeners.push(listener),
-    send: () => {},
-    ask: async () => ({ ok: false, text: "what has been recorded stays as it is" }),
-  };
+  return { open, kinds, subtract, listen: (listener) => listeners.push(listener) };
 })();
 // Nothing of a report can be changed or pushed.
 const grip = { turn: () => {}, words: () => "", line: () => null };

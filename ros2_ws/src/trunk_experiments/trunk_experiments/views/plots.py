@@ -283,7 +283,7 @@ def panels_of(views: Sequence[RunView]) -> Sequence[Panel]:
     ]
 
 
-_FAR = 1e12  # m: sine has no digits left there
+_FAR = 1e12  # m: sine has no digits left there; rad: an axis has none
 FIGURES = {
     6: "zero reference",
     7: "step reference",
@@ -527,7 +527,10 @@ def _phase(axes: Axes, views: Sequence[RunView]) -> None:
         _say(axes, "no velocities were measured")
         return
     for i, view in enumerate(views):
-        theta, rate = np.degrees(view.table.theta), view.table.theta_dot
+        theta, rate = (
+            np.where(np.abs(v) < _FAR, v, nan) for v in (view.table.theta, view.table.theta_dot)
+        )
+        theta = np.degrees(theta)
         axes.plot(*thinned_path(theta, rate), **line_style(i), linewidth=1.0)
         axes.plot(theta[:1], rate[:1], "o", color="#222222", markersize=5, zorder=5)
         axes.plot(theta[-1:], rate[-1:], "s", color=line_style(i)["color"], markersize=5, zorder=5)
