@@ -108,7 +108,7 @@ def main(arguments: list[str]) -> int:
             except RuleFileError as error:
                 print(f"| {name} | refused: {str(error).removeprefix(f'{path}: ')} | | | |")
                 continue
-            closest = 1.05 * row.sampling.deviation.share  # trunk import refuses it below that
+            closest = 1.05 * row.sampling.deviation.share  # trunk rules read refuses it below that
             limit = ALIKE if row.sampling.exact else max(tolerance, closest)
             far = max(row.from_library, row.from_program) > limit
             wrong += far

@@ -13,7 +13,7 @@ import click
 from ..analysis.run_table import RunTable, all_columns, column_units
 from ..console.document import json_option, write_json
 from ..console.options import Number
-from ..console.outputs import FORCE, check_output
+from ..console.outputs import FORCE, check_output, is_stream
 from ..console.reading import open_run, show_damage
 from ..replay.doubts import RecordingResult, about
 from ..results import Count, Keyword
@@ -119,4 +119,4 @@ def command(
 
 def _format_of(output: Path) -> str:
     """Return the suffix that says what is written: what is no file, such as /dev/stdout, takes CSV."""
-    return ".csv" if output.is_relative_to("/dev") else output.suffix.lower()
+    return ".csv" if is_stream(output) else output.suffix.lower()

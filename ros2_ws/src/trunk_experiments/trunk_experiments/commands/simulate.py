@@ -75,7 +75,7 @@ def command(
         _check_alone(click.get_current_context())
     inputs: list[str | Path] = [*files_read(options)]
     if like is None and options["scenario"] is None:
-        raise PlanError("give a SCENARIO, or --like RUN.mcap")
+        raise PlanError("give a SCENARIO, or --like RUN.mcap or EXPERIMENT.json")
     if output is None:
         of = f"{Path(options['scenario'] or '').stem}_{options['controller']}"
         output = Path(f"{of}.mcap") if like is None else default_name(like, "_again.mcap")

@@ -61,7 +61,7 @@ def check_output(
     written to, except where the suffix ``chooses_format``. Raises PlanError.
     """
     place = f"{option} {path}"
-    if path.is_relative_to("/dev") and not chooses_format:
+    if is_stream(path) and not chooses_format:
         if json_asked() and path in _STDOUT:
             raise PlanError(f"{place}: with --json the document goes there: name a file")
         return path
@@ -82,6 +82,11 @@ def check_output(
         if not force:
             raise PlanError(f"{place}: it exists: give another name, or --force")
     return path
+
+
+def is_stream(path: Path) -> bool:
+    """Return True for what is no file of a disk, such as /dev/stdout."""
+    return path.is_relative_to("/dev") and not path.is_relative_to("/dev/shm")
 
 
 def check_not_read(path: Path, inputs: Iterable[str | Path], option: str = "--output") -> None:

@@ -24,6 +24,7 @@ from ..plans.plan import RunPlan, check_joints, check_rates
 from ..plans.pushes import Pushes
 from ..replay.branch import with_settings
 from ..runs.engine import states_of_run
+from ..runs.loop_inputs import states_of
 from ..runs.offline_recording import Progress, record_states
 from ..runs.states import TERMS, States
 
@@ -40,6 +41,7 @@ _KEYS: Mapping[str, tuple[type, ...]] = {
     "sha256": (str, type(None)),
 }
 _MOST = 10_000_000  # bytes of a file
+_LONGEST = 200  # characters of a name
 
 
 class Experiment(NamedTuple):
@@ -56,10 +58,12 @@ def read_experiment(path: Path) -> Experiment:
     try:
         if path.stat().st_size > _MOST:
             raise PlanError(f"more than {_MOST:,} bytes")
-        return _experiment(json.loads(path.read_bytes()), str(path))
+        data = json.loads(path.read_bytes())
+        json.dumps(data, ensure_ascii=False).encode()  # no half of a character
+        return _experiment(data, str(path))
     except OSError as error:
         raise PlanError(f"{path}: {error.strerror}: give an experiment of a lab") from None
-    except (ValueError, RecursionError, TrunkError) as error:
+    except (ValueError, ArithmeticError, RecursionError, TrunkError) as error:
         reason = str(error).removeprefix(f"{path}: ").splitlines()[0]
         raise PlanError(f"{path}: it is no experiment that a lab saved: {reason}") from None
 
@@ -99,6 +103,8 @@ def record_experiment(
 
 
 def _experiment(data: Any, source: str) -> Experiment:
+    from .data import check_plan  # which knows this module's format
+
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise PlanError(f"its format is not {FORMAT!r}")
     odd = sorted(_KEYS.keys() ^ data.keys()) or [
@@ -107,6 +113,9 @@ def _experiment(data: Any, source: str) -> Experiment:
     if odd:
         raise PlanError(f"{odd[0][:40]} is missing, unknown, or of another type")
     name, parameters = data["controller"], data["parameters"]
+    for key in ("scenario", "page"):
+        if len(data[key]) > _LONGEST or not data[key].isprintable():
+            raise PlanError(f"{key} is not a line of at most {_LONGEST} characters")
     if name not in CONTROLLERS:
         raise PlanError(f"controller {name[:40]!r} is not one of {', '.join(CONTROLLERS)}")
     if not {"simulator", name} <= parameters.keys() <= {"simulator", name, "disturbance"}:
@@ -127,6 +136,7 @@ def _experiment(data: Any, source: str) -> Experiment:
     )
     check_joints(plan)
     check_rates(plan)
+    check_plan(plan)
     plan = replace(plan, pushes=_pushes(data["pushes"], plan))
     if data["branch"] is not None:
         plan = _branched(plan, data["branch"], parameters, source)
@@ -139,12 +149,13 @@ def _branched(plan: RunPlan, branch: Any, parameters: Any, source: str) -> RunPl
     period_ns = plan.simulator.period_ns
     if branch.keys() != {"at_ns", "parameters"} or not isinstance(changed, dict):
         raise PlanError("branch: at_ns and parameters are needed")
-    if type(at_ns) is not int or at_ns < 0 or at_ns % period_ns:
-        raise PlanError(f"branch: at_ns {at_ns!r:.40} is the stamp of no state")
+    if type(at_ns) is not int or at_ns not in range(0, states_of(plan) * period_ns, period_ns):
+        raise PlanError(f"branch: at_ns {str(at_ns)[:40]} is the stamp of no state")
+    layer = _layer(changed, source)
     if plan.disturbance is None and "disturbance" in changed and "disturbance" in parameters:
         whole = {**parameters["disturbance"], **changed["disturbance"]}
-        changed = {**changed, "disturbance": whole}
-    return with_settings(plan, at_ns, [_layer(changed, source)])
+        layer = _layer({**changed, "disturbance": whole}, source)
+    return with_settings(plan, at_ns, [layer])
 
 
 def _layer(parameters: Mapping[str, Any], source: str) -> Layer:
@@ -168,10 +179,12 @@ def _value(value: Any) -> Any:
 def _pushes(listed: list[Any], plan: RunPlan) -> Pushes:
     limits, period_ns = plan.simulator.operator_limits, plan.simulator.period_ns
     pushes: list[tuple[int, Applied]] = []
+    stamps = range(0, states_of(plan) * period_ns, period_ns)
+    if listed and limits is None:
+        raise PlanError("pushes: operator.force and operator.torque are 0: nobody may push")
     for entry in listed:
-        if not (
-            isinstance(entry, list) and list(map(type, entry[:1])) == [int] and len(entry) == 3
-        ):
+        kinds = list(map(type, entry)) if isinstance(entry, list) else []
+        if len(kinds) != 3 or kinds[0] is not int or not {*kinds} <= {int, float}:
             raise PlanError(f"pushes: {entry!r:.40}: a stamp in ns, N and N m are needed")
         stamp_ns, applied = entry[0], Applied(*map(float, entry[1:]))
         last_ns = pushes[-1][0] if pushes else -1
@@ -179,7 +192,7 @@ def _pushes(listed: list[Any], plan: RunPlan) -> Pushes:
             raise PlanError(
                 f"pushes: {entry!r:.40} is beyond what the simulator takes from an operator"
             )
-        if stamp_ns <= last_ns or stamp_ns % period_ns:
+        if stamp_ns <= last_ns or stamp_ns not in stamps:
             raise PlanError(
                 f"pushes: {stamp_ns!r:.40} is the stamp of no state, or not after the one before"
             )

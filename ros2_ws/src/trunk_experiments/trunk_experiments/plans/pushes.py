@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -172,7 +172,8 @@ class GivenInputs:
     force, -1: none. ``disturbance`` [N, 4]: in force; ``disturbance_ns`` [N]: its stamp, -1: none.
     ``answered``: by controller, the stamps of the states that it answered. ``disturbed``: the stamps of the
     disturbance node's messages. ``seen``: the angle [rad] in each state before which a controller became
-    active, by stamp. ``command`` [N]: in force, N m; None: as the plan's controllers answer.
+    active, by stamp. ``command`` [N]: in force, N m; None: as the plan's controllers answer. ``references``:
+    by stamp, rad, of somebody else's node.
     """
 
     command_ns: Integers
@@ -182,6 +183,7 @@ class GivenInputs:
     disturbed: Integers
     seen: Mapping[int, float]
     command: Floats | None = None
+    references: Mapping[int, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of states."""

@@ -127,7 +127,15 @@ def given_inputs(run: RecordedRun, states: int) -> GivenInputs | None:
         run.table(topics.DISTURBANCE).stamp_ns,
         seen,
         force.command if run.external else None,
+        _topic_references(run) if run.external else {},
     )
+
+
+def _topic_references(run: RecordedRun) -> dict[int, float]:
+    """Return the references of somebody else's node, rad, by stamp."""
+    table = run.table(topics.REFERENCE)
+    values = table.column("position", run.config("simulator").joints[1])
+    return dict(zip(table.stamp_ns.tolist(), values.tolist(), strict=True))
 
 
 def _refused(run: RecordedRun, reason: str) -> RecordingError:
@@ -147,6 +155,8 @@ def why_not_again(run: RecordedRun, commanded: bool = False) -> str:
     if run.external:
         gave = f"{run.external} gave its commands, which is not ours"
         missing = {"simulator"} - set(run.parameters)
+        if ours := ", ".join(run.judgeable):
+            return f"{gave}, and so did {ours}: branch the run before {ours} took over"
         if not commanded:
             return f"{gave}: trunk branch --controller NAME lets one of ours take over"
         return "no parameters of simulator recorded" if missing else ""

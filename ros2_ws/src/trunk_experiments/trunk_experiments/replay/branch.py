@@ -31,7 +31,7 @@ from ..plans.files import SCENARIOS, config_from, parse_setting, scenario_layers
 from ..plans.nodes import CONTROLLERS, NODES, declared_names
 from ..plans.plan import RunPlan, check_joints, check_rates
 from ..plans.pushes import Push, parse_push, pushed
-from ..plans.timeline import Change
+from ..plans.timeline import Change, begins_active
 from ..recorded.plan import plan_from, why_not_again
 from ..recorded.processes import TURNS
 from ..recorded.run import AT, CHANGES, OF, PARENT, RecordedRun
@@ -94,6 +94,11 @@ def branch_plan(run: RecordedRun, branch: Branch, until: float | None = None) ->
         plan = _with_controller(run, plan, branch.controller, stamp_ns)
     layers = [parse_setting(text) for text in branch.settings]
     check_names(layers, declared_names())
+    for layer in layers:
+        if any(section.pattern == "reference" for section in layer.sections):
+            raise PlanError(
+                f"{layer.source}: a branch has no node reference: set CONTROLLER.reference.* instead"
+            )
     plan = with_settings(plan, stamp_ns, layers, [parse_push(text, at) for text in branch.pushes])
     controllers = {name: c for name, c in plan.controllers.items() if _ever_acts(plan, name)}
     plan = replace(plan, controllers=controllers)
@@ -222,6 +227,14 @@ def _with_controller(run: RecordedRun, plan: RunPlan, name: str, at_ns: int) -> 
         ]
         for node, listed in plan.changes.items()
     }
+    for (
+        node,
+        config,
+    ) in plan.controllers.items():  # one whose only turns were later is idle until then
+        began = begins_active(config, plan.changes.get(node, ()))
+        if began != begins_active(config, changes.get(node, ())):
+            word = Event.ACTIVATED if began else Event.DEACTIVATED
+            changes[node] = [Change(-1, None, word), *changes.get(node, [])]
     for node in acting:
         changes.setdefault(node, []).append(Change(before_ns, None, Event.DEACTIVATED))
     changes.setdefault(name, []).append(Change(before_ns, None, Event.ACTIVATED))

@@ -28,7 +28,6 @@ from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import check_rates
 from ..recorded.processes import Process, is_whole
 from ..recorded.turns import idle_ns
-from .doubts import late_steps
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_table import Integers
@@ -54,7 +53,7 @@ def contradictions(run: RecordedRun, rerun: Rerun) -> list[str]:
         *_parameters(run),
         *_mode(run, rerun),
         *_pushes(run, rerun),
-        *_branch(run),
+        *_branch(run, rerun),
         *_links(run, rerun),
         *(
             f"run/events: {name} was to become {'active' if on else 'inactive'} at "
@@ -283,13 +282,19 @@ def _pushes(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
             yield f"{prefix}what acts from t = {at:g} s on is beyond the operator's limits"
 
 
-def _branch(run: RecordedRun) -> Iterator[str]:
+def _branch(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     """Yield that a branch of a real-time run has late steps where it is simulated."""
-    since_ns = nanoseconds(run.branch.at) if run.branch else 0
-    late = late_steps(run, since_ns) if run.branch else None
-    if late is not None and late.steps:
+    if run.branch is None or not rerun.inputs.recorded:
+        return
+    since_ns = nanoseconds(run.branch.at)
+    begin = int(np.searchsorted(rerun.stamps, since_ns))
+    stamps, force = rerun.stamps[begin:-1], rerun.inputs.over(slice(begin, len(rerun.stamps) - 1))
+    late = (force.command_ns != stamps) & ~np.isin(stamps, idle_ns(run))
+    if run.count(topics.DISTURBANCE):
+        late |= force.disturbance_ns != stamps
+    if late.any():
         yield (
-            f"{late.steps} of {late.of} steps from t = {seconds(since_ns):g} s on are late; "
+            f"{int(late.sum())} of {len(stamps)} steps from t = {seconds(since_ns):g} s on are late; "
             "a branch answers every state at once"
         )
 

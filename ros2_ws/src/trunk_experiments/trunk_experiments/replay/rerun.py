@@ -33,7 +33,7 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
 from trunk_sim.simulation import DivergedError
-from trunk_sim.step import Measurement, PlantStatus
+from trunk_sim.step import Measurement
 
 from ..plans.plan import RunPlan
 from ..recorded.inputs import RecordedInputs, most_steps
@@ -634,15 +634,6 @@ class Rerun:
         computed = _computed(states.table, SEEN_POSITION, SEEN_VELOCITY, SEEN_APPLIED)
         columns = self._columns(self._states.measured, window.measured, computed)
         self.sensors.take(window.stamps, judged, columns)
-
-    def check_state(self, trunk: PlantStatus, stamp_ns: int) -> Check:
-        """Compare a true state on record with a computed one."""
-        check, stamps = Check(PLANT), np.array([stamp_ns])
-        recorded = six(self._states.truth, self._states.truth.rows_of(stamps))
-        x, theta, x_dot, theta_dot = trunk.state
-        computed = np.array([[x, theta, x_dot, theta_dot, 0.0, trunk.effort]])
-        check.take(stamps, np.ones(1, bool), self._columns(self._states.truth, recorded, computed))
-        return check
 
     def _columns(
         self, table: JointTable, recorded: Floats, computed: Floats

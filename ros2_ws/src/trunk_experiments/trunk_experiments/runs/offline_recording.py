@@ -65,6 +65,7 @@ class StateMessages:
         self._plan, self._channels, self._acting = plan, channels, acting
         self._efforts: Floats = np.empty(0)  # all commands, where earlier ones may act
         self._last = -1  # the last state that was answered
+        self._of_simulator = plan.timeline("simulator")
 
     def stamps(self, first: int, count: int) -> Integers:
         return np.arange(first, first + count) * self._plan.simulator.period_ns
@@ -125,10 +126,13 @@ class StateMessages:
                 values[:, 0] = self._efforts[at // period_ns]
             else:
                 values[:, 0] = given.command[here]
-                yield self._of_others(given, here)
+                yield from self._of_others(given, here)
         else:
             at = np.where(last >= 0, last * period_ns, -1)
-            at[stamp_ns - at > nanoseconds(plan.simulator.command_timeout)] = -1
+            # A change acts on the step from the state after it.
+            self._of_simulator.advance(int(stamp_ns[0]) - period_ns + 1)
+            timeout_ns = nanoseconds(self._of_simulator.config.command_timeout)
+            at[stamp_ns - at > timeout_ns] = -1
             values[:, 0] = self._efforts[last]
             since = stamp_ns if plan.disturbance is not None else np.full(count, -1)
         values[at < 0, 0] = 0.0
@@ -143,18 +147,32 @@ class StateMessages:
             velocity=age.astype(np.float64),
         )
 
-    def _of_others(self, given: GivenInputs, here: Integers) -> Rows:
-        """Return the commands of somebody else's node, each with the first state in which it acts."""
+    def _of_others(self, given: GivenInputs, here: Integers) -> Iterator[Rows]:
+        """Yield the commands of somebody else's node, each with the first state in which it acts, and its
+        references.
+        """
         assert given.command is not None  # for the type
+        joint = (self._plan.simulator.joints[1],)
         at = given.command_ns[here]
         new = np.flatnonzero((at >= 0) & (at != np.append(-1, given.command_ns)[here]))
-        return self._joints(
+        yield self._joints(
             topics.EFFORT_COMMAND,
             new * PLACES + _COMMAND,
-            JointStateLayout((self._plan.simulator.joints[1],), 0, 0, 1),
+            JointStateLayout(joint, 0, 0, 1),
             at[new],
             effort=given.command[here[new], None],
         )
+        if topics.REFERENCE in self._channels:
+            stamp_ns = here * self._plan.simulator.period_ns
+            known = np.flatnonzero(np.isin(stamp_ns, list(given.references)))
+            values = [given.references[ns] for ns in stamp_ns[known].tolist()]
+            yield self._joints(
+                topics.REFERENCE,
+                known * PLACES + _COMMAND,
+                JointStateLayout(joint, 1),
+                stamp_ns[known],
+                position=np.array(values).reshape(-1, 1),
+            )
 
     def _disturbances(self, states: States) -> Rows:
         """Return the disturbances: like the node, one step ahead of the state, and both for the first."""
@@ -298,6 +316,9 @@ class OfflineRecorder:
         if plan.inputs is not None:
             name = f"/{topics.PLANT_INPUTS}"
             self._channels[topics.PLANT_INPUTS] = writer.channel(name, topics.JOINT_STATE_TYPE)
+            if plan.inputs.references:
+                name = f"/{topics.REFERENCE}"
+                self._channels[topics.REFERENCE] = writer.channel(name, topics.JOINT_STATE_TYPE)
         self._pushes = [*plan.pushes]
         self._film = Film() if pictures else None
         # Each source of disturbances is asked at increasing stamps.

@@ -61,7 +61,7 @@ class Sensitivity:
 
 @dataclass(frozen=True)
 class SensitivityResult(Result, document="study-sensitivity-1"):
-    """The document of ``trunk study sensitivity``."""
+    """The document of ``trunk sweep --sobol``."""
 
     study: str
     n: Annotated[int, "Base points"]
@@ -82,7 +82,7 @@ def check_sensitivity(study: StudySpec, n: int, metrics: tuple[str, ...]) -> Non
             f"{study.source}: vary: two or more drawn entries are needed, not {len(_drawn(study))}"
         )
     if n < 2 or n & (n - 1):
-        raise StudyError(f"--n is {n}: a power of two from 2 is needed, such as {_near(n)}")
+        raise StudyError(f"--sobol is {n}: a power of two from 2 is needed, such as {_near(n)}")
     for metric in metrics:
         if metric not in METRICS:
             raise StudyError(f"no metric {metric!r}: one of {', '.join(METRICS)}")

@@ -17,14 +17,14 @@ from ...console.options import Number
 from ...console.tables import print_table
 from ...errors import PlanError
 from ...plans.files import checked_namespace
-from ...results import Keyword, Result
+from ...results import Keyword, Named, Result
 from ...runs.node_processes import check_nodes_installed, claimed_domain
 
 
 class NodeFinding(NamedTuple):
     """What a node does otherwise than it should, and what to write instead."""
 
-    what: str
+    problem: Annotated[str, Named("what")]
     advice: str
 
 
