@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ import pytest
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.branch import Branch
 from trunk_experiments.replay.doubts import Late, late_steps
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import RecordingError
 
 from ..real_time import late_inputs, record_real_time
@@ -80,6 +83,21 @@ def test_a_real_time_run_is_branched_after_late_commands(tmp_path: Path) -> None
     assert parent is not None
     assert late is not None
     assert 0 < late.steps < parent.steps
+
+
+@pytest.mark.parametrize("timeout", [0.01, 0.3])
+def test_a_timeout_of_commands_that_a_branch_changes_is_the_one_in_force(
+    tmp_path: Path, timeout: float
+) -> None:
+    """Nobody acts from some state on: the last command holds for so long."""
+    plan = make_plan("demo", "pid", everywhere={"duration": 1.0})
+    plan = replace(plan, changes={"pid": [Change(AT, None, Event.DEACTIVATED)]})
+    record_real_time(plan, tmp_path / "run.mcap")
+    run, change = RecordedRun.open(tmp_path / "run.mcap"), f"simulator.command_timeout={timeout}"
+    branched = branched_at(run, Branch(0.25, (change,)), tmp_path / "b.mcap")
+    verdict = verdict_on(branched)
+    assert not verdict.contradictions, verdict.reasons
+    assert not any(check.wrong_steps for check in verdict.checks), verdict.reasons
 
 
 def test_a_file_that_ends_early_is_branched_as_far_as_it_goes(parent: Path, tmp_path: Path) -> None:

@@ -87,6 +87,7 @@ def test_an_example_in_lockstep_has_the_bits_of_the_same_law(
         ("compare", "run", "ours.mcap"),
         ("branch", "run/run.mcap", "--at", 1, "--controller", "pid", "-o", "branch.mcap"),
         ("verify", "branch.mcap"),
+        ("metrics", "branch.mcap"),
         ("report", "run", "-o", "report.html"),
         ("plot", "run", "-o", "plot.png"),
         ("info", "--check", "run"),

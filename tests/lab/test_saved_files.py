@@ -199,6 +199,17 @@ def test_what_no_page_saves_is_refused_in_one_line(document, trunk, tmp_path):
             ("50000000, 0.0, 30.0", "50000000, 0.0, 31.0"),
             ("50000000, 0.0, 30.0", "0, 0.0, 30.0"),
             ("50000000, 0.0, 30.0", "50000000, 0.0"),
+            ("50000000, 0.0, 30.0", "50000000, null, 30.0"),
+            ("50000000, 0.0, 30.0", '50000000, "0", 30.0'),
+            ("50000000, 0.0, 30.0", f"50000000, 1{400 * '0'}, 30.0"),
+            ("50000000, 0.0, 30.0", "500000000, 0.0, 30.0"),
+            ("100000000", f"{5 * 10**36}"),
+            ('{"pid": {"gains.p": 75.0}}', '{"disturbance": 5}'),
+            ('"scenario": "fig8"', '"scenario": "fig8\\nverified"'),
+            ('"scenario": "fig8"', '"scenario": "\\ud800"'),
+            ('"scenario": "fig8"', f'"scenario": "{1000 * "x"}"'),
+            ('"duration": 0.2', '"duration": 1e6'),
+            ('"link.command.delay": 0.0', '"link.command.delay": 0.01'),
         )
     ]
     for data in damaged:

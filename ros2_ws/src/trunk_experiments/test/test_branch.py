@@ -125,6 +125,18 @@ def test_a_branch_is_branched_back(branch, parent, tmp_path, capsys):
     assert diff(RecordedRun.open(tmp_path / "lqr.mcap"), run).first.stamp_ns >= 800_000_000
 
 
+def test_a_branch_before_another_ones_turn_leaves_that_idle(branch, parent, tmp_path, capsys):
+    """A controller that was to act later, by the first branch, does not act from the start."""
+    branch(parent, tmp_path / "lqr.mcap", "--controller", "lqr")
+    words = ("--at", 0.2, "--controller", "computed_torque", "-o", tmp_path / "b.mcap")
+    _, told, code = cli(capsys, "branch", tmp_path / "lqr.mcap", *words)
+    assert code == 0, told
+    run = RecordedRun.open(tmp_path / "b.mcap")
+    assert verdict_on(run).exit_code == VERIFIED
+    assert run.count("lqr/state") == 0
+    assert run.count("computed_torque/state") == 161
+
+
 def test_pushes_act_when_they_say_and_the_rest_stays(branch, parent, tmp_path):
     run = branch(
         parent, tmp_path / "b.mcap", "--push", "60Nm:0.1s", "--push", "trunk_effort=-20:50ms@0.7s"

@@ -100,8 +100,8 @@ def test_a_refused_run_ends_it_in_one_line():
 @pytest.mark.parametrize(
     ("old", "new", "n", "metric", "line"),
     [
-        ("", "", 100, "iae", "--n is 100: a power of two from 2 is needed, such as 64 or 128"),
-        ("", "", 1, "iae", "--n is 1: a power of two"),
+        ("", "", 100, "iae", "--sobol is 100: a power of two from 2 is needed, such as 64 or 128"),
+        ("", "", 1, "iae", "--sobol is 1: a power of two"),
         ("", "", 8, "nix", "no metric 'nix': one of overshoot_deg"),
         (
             "distribution: uniform, low: 1.0, high: 2.0",
