@@ -28,40 +28,16 @@ from ..gateway.protocol import plain
 from ..parts.inline import inline, part, script_sources
 from ..parts.page import STYLES, page, scripts
 from ..plans.plan import RunPlan
-from ..runs.loop_inputs import check_compilable, states_of
+from ..runs.loop_inputs import states_of
 from ..runs.states import TERMS
 from ..views.report_data import CHANNEL_TEXTS
-from .experiment import FORMAT
+from .experiment import FORMAT, check_plan
 from .knobs import Knob, KnobSearch, NodeKnobs, RuleKnob
 from .program import CHUNK, LabProgram, numbers_of_loop
 from .wasm import wasm_of
 
-MOST_STATES = 200_000  # a table in a page's memory
 _NOISE = ("surroundings.sensor.position_noise", "surroundings.sensor.velocity_noise")
 _NOT_SHOWN = ("recorder",)
-
-
-def check_plan(plan: RunPlan) -> None:
-    """Raise PlanError for a plan of one controller that a lab cannot compute."""
-    check_compilable(plan)
-    simulator = plan.simulator
-    states = states_of(plan)
-    if states > MOST_STATES:
-        raise PlanError(
-            f"simulator.duration {simulator.duration:g} s at {simulator.update_rate:g} Hz: a lab has at most "
-            f"{MOST_STATES:,} states, not {states:,}: give --duration or --rate"
-        )
-    if simulator.network is not None:
-        raise PlanError(
-            "simulator.link: messages that are late or lost are not in a lab: leave out link.*"
-        )
-    if plan.recorder.markers:
-        raise PlanError("recorder.markers: a lab records no picture: set it to false")
-    for name, config in plan.controllers.items():
-        if config.active_times:
-            raise PlanError(
-                f"{name}.active.times: in a lab each controller acts alone, all the time"
-            )
 
 
 def lab_of(

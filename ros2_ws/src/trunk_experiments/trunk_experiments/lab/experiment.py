@@ -24,7 +24,7 @@ from ..plans.plan import RunPlan, check_joints, check_rates
 from ..plans.pushes import Pushes
 from ..replay.branch import with_settings
 from ..runs.engine import states_of_run
-from ..runs.loop_inputs import states_of
+from ..runs.loop_inputs import check_compilable, states_of
 from ..runs.offline_recording import Progress, record_states
 from ..runs.states import TERMS, States
 
@@ -40,8 +40,32 @@ _KEYS: Mapping[str, tuple[type, ...]] = {
     "states": (int,),
     "sha256": (str, type(None)),
 }
+MOST_STATES = 200_000  # a table in a page's memory
 _MOST = 10_000_000  # bytes of a file
 _LONGEST = 200  # characters of a name
+
+
+def check_plan(plan: RunPlan) -> None:
+    """Raise PlanError for a plan of one controller that a lab cannot compute."""
+    check_compilable(plan)
+    simulator = plan.simulator
+    states = states_of(plan)
+    if states > MOST_STATES:
+        raise PlanError(
+            f"simulator.duration {simulator.duration:g} s at {simulator.update_rate:g} Hz: a lab has at most "
+            f"{MOST_STATES:,} states, not {states:,}: give --duration or --rate"
+        )
+    if simulator.network is not None:
+        raise PlanError(
+            "simulator.link: messages that are late or lost are not in a lab: leave out link.*"
+        )
+    if plan.recorder.markers:
+        raise PlanError("recorder.markers: a lab records no picture: set it to false")
+    for name, config in plan.controllers.items():
+        if config.active_times:
+            raise PlanError(
+                f"{name}.active.times: in a lab each controller acts alone, all the time"
+            )
 
 
 class Experiment(NamedTuple):
@@ -103,8 +127,6 @@ def record_experiment(
 
 
 def _experiment(data: Any, source: str) -> Experiment:
-    from .data import check_plan  # which knows this module's format
-
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise PlanError(f"its format is not {FORMAT!r}")
     odd = sorted(_KEYS.keys() ^ data.keys()) or [
