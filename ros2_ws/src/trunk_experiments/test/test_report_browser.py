@@ -174,13 +174,20 @@ def drag(page, name, first, last, touch=""):
     """Drag over a chart, from and to parts of its width; ``touch``: a key that is held meanwhile."""
     target = page.locator(f"#strip-{name} .u-over")
     target.scroll_into_view_if_needed()
+    # A chart that comes into sight is drawn in the next frame; a pointer over it moves the time.
+    page.wait_for_function(f"() => strips.made.get('{name}').seen")
+    page.evaluate(
+        "() => new Promise((go) => requestAnimationFrame(() => requestAnimationFrame(go)))"
+    )
     box = target.bounding_box()
-    y = box["y"] + box["height"] / 2
     if touch:
         page.keyboard.down(touch)
-    page.mouse.move(box["x"] + first * box["width"], y)
+    target.hover(
+        position={"x": first * box["width"], "y": box["height"] / 2}
+    )  # once it stands still
     page.mouse.down()
-    page.mouse.move(box["x"] + last * box["width"], y, steps=4)
+    box = target.bounding_box()
+    page.mouse.move(box["x"] + last * box["width"], box["y"] + box["height"] / 2, steps=4)
     page.mouse.up()
     if touch:
         page.keyboard.up(touch)
