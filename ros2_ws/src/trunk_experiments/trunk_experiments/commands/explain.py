@@ -15,6 +15,7 @@ from ..console.options import Number
 from ..console.reading import open_run, show_damage
 from ..console.tables import print_table
 from ..console.terminal import show_warnings
+from ..recorded.turns import recorded_turns
 from ..replay.doubts import refused
 from ..replay.explain import Explanation, explain
 from ..replay.external import ExternalCommand, external_command
@@ -40,7 +41,9 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     recorded = open_run(run)
     show_damage(recorded)
     show_warnings(refused(recorded))
-    if recorded.external:
+    turns = reversed(recorded_turns(recorded) if recorded.external else ())
+    theirs = recorded.external
+    if theirs and next((who for start, who in turns if start <= at), theirs) == theirs:
         known = external_command(recorded, at)
         if as_json:
             write_json(known)

@@ -74,20 +74,23 @@ def idle_ns(run: RecordedRun) -> Integers:
 
 
 def recorded_turns(run: RecordedRun) -> tuple[Turn, ...]:
-    """Return the turns in order: one for a single controller, none without a controller."""
-    if run.external:
-        return (Turn(0.0, run.external),)
-    names = run.controllers
+    """Return the turns in order: one for a single controller, none without a controller.
+
+    Somebody else's controller acts from the start until one of ours updates.
+    """
+    names = run.judgeable if run.external else run.controllers
     states = run.series({topics.controller_state(name): () for name in names})
     stamps = [state.stamp_ns for state in states.values()]
-    if not stamps:
-        return ()
+    before = (Turn(0.0, run.external),) if run.external else ()
+    if not stamps or not any(map(len, stamps)):
+        return before
     who = np.repeat(np.arange(len(names)), [len(s) for s in stamps])
     when = np.concatenate(stamps)
     order = np.argsort(when, kind="stable")
     who, when = who[order], when[order]
     first = np.flatnonzero(np.diff(who, prepend=-1))
-    return tuple(
+    ours = tuple(
         Turn(seconds(stamp_ns - run.begin_ns), names[index])
         for stamp_ns, index in zip(when[first].tolist(), who[first].tolist(), strict=True)
     )
+    return ours if ours[0].start <= 0.0 else before + ours

@@ -141,9 +141,9 @@ class RunView:
     @property
     def title(self) -> str:
         """The controllers in words: ``Fuzzy-PID``, ``PID (60, 36, 9), from 4 s Fuzzy-PID``."""
-        if self.run.external:
-            return self.run.external
         words = {name: _in_words(name, config) for name, config in self.controllers.items()}
+        if theirs := self.run.external:
+            words = {theirs: theirs} if len(self.turns) < 2 else {**words, theirs: theirs}
         if not 1 < len(self.turns) <= _TURNS_IN_TITLE:
             return ", then ".join(words.values()) or "no controller"
         first, *others = self.turns
