@@ -94,6 +94,8 @@ def test_an_example_in_lockstep_has_the_bits_of_the_same_law(
     ):
         said(*verb)
     assert "torque from mine" in said("explain", "run", "--at", 1)
+    assert "torque from mine" in said("explain", "branch.mcap", "--at", 0.9)
+    assert "t = 1.1 s: pid holds" in said("explain", "branch.mcap", "--at", 1.1)
     refused = children.trunk("simulate", "--like", "run/run.mcap", "-o", "again.mcap", name="like")
     assert refused.wait() != 0
     assert "mine gave its commands" in refused.stderr
