@@ -102,7 +102,8 @@ def command(
     from ...study.sweep import SweepJob
 
     if sobol is not None:
-        for option, given in (("--output", output), ("--scheduler", scheduler), ("--check", check)):
+        options = (("--output", output), ("--force", force), ("--scheduler", scheduler))
+        for option, given in (*options, ("--check", check)):
             if given:
                 raise PlanError(
                     f"--sobol writes no file and goes on no cluster: leave {option} out"
