@@ -6,6 +6,7 @@
   let runs = null; // that have been started, as far as the gateway knows
   let changes = []; // of a recording's parameters, by time
   let count = 0; // of those that are in force at the time shown
+  let leaving = ""; // for the report at this path: to ask for it anew would break off the first request
   const stores = () => [known.plant, known.control, known.pushes];
 
   const link = (state) => {
@@ -60,7 +61,7 @@
     } else if (kind === "gateway") {
       health.served();
       at("stop").hidden = !known.gateway.stoppable;
-      if (known.gateway.report) location.assign(known.gateway.report);
+      if (known.gateway.report !== leaving) location.assign((leaving = known.gateway.report));
       if (known.gateway.ended) at("mode").textContent = mode();
     }
     if (["recorded", "node", "run", "world"].includes(kind)) at("mode").textContent = mode();
