@@ -105,6 +105,7 @@ class ServedGraph:
         async def serve() -> None:
             self._over = asyncio.Event()
             served = Served(stoppable=True, feed=self.graph)
+            self.gateway = served.gateway
             self.address = f"http://127.0.0.1:{served.port}/#{served.tokens.control}"
             ready.set()
             await self._over.wait()

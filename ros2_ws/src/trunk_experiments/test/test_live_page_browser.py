@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_experiments.gateway.server import PageFile
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.parameters.files import read
 
@@ -57,9 +58,9 @@ def served():
 def opened(new_page, served):
     """Return a function that opens the page; nothing may go wrong in it."""
 
-    def go(viewport=DESK, **more):
+    def go(viewport=DESK, of=served, **more):
         page = new_page(viewport=viewport, **more)
-        page.goto(served.address)
+        page.goto(of.address)
         page.wait_for_selector("html[data-ready]")
         page.wait_for_function(f"() => {GROUPS}.length === 3 && known.control.count > 50")
         page.wait_for_selector("#gains .knob")
@@ -364,6 +365,27 @@ def test_a_fall_is_a_mark_in_time_and_every_event_stays_listed(opened, served):
     page.wait_for_function(f"() => {listed} === 300")
     page.click("#tab-happened")
     assert page.inner_text("#earlier") == f"{before + 101} earlier ones are in the recording"
+
+
+def test_a_report_is_asked_for_once(opened):
+    """A second request would break off the first, which may be the last that is answered."""
+    served = ServedGraph()
+    page = opened(of=served)
+    asked = []
+
+    def stay(route):
+        asked.append(route.request.url)
+        route.fulfill(status=204)
+
+    page.route("**/report-*.html", stay)
+    with page.expect_request("**/report-*.html"):
+        served.call(served.gateway.show_report, PageFile("text/html", b""))
+    for number in range(1, 6):
+        served.call(served.gateway.refuse, "paths that do not exist")
+        settled(page, "Object.values(known.gateway.refused).at(0)", number)
+    assert len(asked) == 1
+    page.context.close()
+    served.close()
 
 
 def test_the_tabs_are_reached_by_arrows(opened):
