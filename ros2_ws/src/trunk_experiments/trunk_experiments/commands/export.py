@@ -87,6 +87,8 @@ def command(
         ctx.fail(f"--from {start:g} must not be after --to {end:g}")
     for output in outputs:
         check_output(output, _FORMATS, force, [run])
+        if outputs.count(output) > 1:
+            ctx.fail(f"--output {output}: it is given twice: give each file once")
     recorded = open_run(run)
     show_damage(recorded)
     written: list[ExportedFile] = []

@@ -37,7 +37,7 @@ from ..recorded.processes import TURNS
 from ..recorded.run import AT, CHANGES, OF, PARENT, RecordedRun
 from ..recorded.turns import acts
 from ..runs.offline_recording import Progress, record_offline
-from .diff import compare_topic
+from .diff import FirstDifference, compare_topic
 
 
 class Branch(NamedTuple):
@@ -227,10 +227,8 @@ def _with_controller(run: RecordedRun, plan: RunPlan, name: str, at_ns: int) -> 
         ]
         for node, listed in plan.changes.items()
     }
-    for (
-        node,
-        config,
-    ) in plan.controllers.items():  # one whose only turns were later is idle until then
+    # One whose only turns were later is idle until then.
+    for node, config in plan.controllers.items():
         began = begins_active(config, plan.changes.get(node, ()))
         if began != begins_active(config, changes.get(node, ())):
             word = Event.ACTIVATED if began else Event.DEACTIVATED
@@ -322,13 +320,11 @@ def check_past(run: RecordedRun, branch: RecordedRun, stamp_ns: int) -> None:
         **({topics.DISTURBANCE: stamp_ns - 1} if "disturbance" in run.parameters else {}),
         **({topics.PLANT_INPUTS: stamp_ns - 1} if run.count(topics.PLANT_INPUTS) else {}),
     }
-    differences = []
+    differences: list[FirstDifference] = []
     for topic, last_ns in known.items():
         tables = (each.table(topic) for each in (run, branch))
         before = (table.rows(np.flatnonzero(table.stamp_ns <= last_ns)) for table in tables)
-        differences += [
-            difference for difference in [compare_topic(topic, *before)[1]] if difference
-        ]
+        differences += filter(None, compare_topic(topic, *before)[1:])
     reasons = [f"altered: {part}" for part in run.recording.alterations()]
     if differences:
         reasons.append(min(differences, key=lambda d: d.stamp_ns).describe())

@@ -63,7 +63,10 @@ class StateMessages:
     ) -> None:
         """``acting`` gives the disturbance at increasing stamps, ns."""
         self._plan, self._channels, self._acting = plan, channels, acting
-        self._efforts: Floats = np.empty(0)  # all commands, where earlier ones may act
+        given = plan.inputs
+        # All commands, where earlier ones may act.
+        self._efforts: Floats = np.zeros(0 if given is None else states_of(plan))
+        self._references_ns = np.array(list(given.references if given else ()), np.int64)
         self._last = -1  # the last state that was answered
         self._of_simulator = plan.timeline("simulator")
 
@@ -113,8 +116,8 @@ class StateMessages:
         """
         table, count, plan = states.table, len(stamp_ns), self._plan
         values: Floats = np.zeros((count, 5))
-        self._efforts = np.append(self._efforts, table[:, EFFORT])
         period_ns, here = plan.simulator.period_ns, np.arange(count) + states.first
+        self._efforts[here] = table[:, EFFORT]
         answered = np.full(count, -1)
         for _, span in states.answers():
             answered[span] = here[span]
@@ -148,9 +151,7 @@ class StateMessages:
         )
 
     def _of_others(self, given: GivenInputs, here: Integers) -> Iterator[Rows]:
-        """Yield the commands of somebody else's node, each with the first state in which it acts, and its
-        references.
-        """
+        """Yield somebody else's commands, each with the first state in which it acts, and references."""
         assert given.command is not None  # for the type
         joint = (self._plan.simulator.joints[1],)
         at = given.command_ns[here]
@@ -164,7 +165,7 @@ class StateMessages:
         )
         if topics.REFERENCE in self._channels:
             stamp_ns = here * self._plan.simulator.period_ns
-            known = np.flatnonzero(np.isin(stamp_ns, list(given.references)))
+            known = np.flatnonzero(np.isin(stamp_ns, self._references_ns))
             values = [given.references[ns] for ns in stamp_ns[known].tolist()]
             yield self._joints(
                 topics.REFERENCE,
