@@ -79,6 +79,14 @@ def test_a_link_to_an_input_is_the_input(here, told):
         assert (code, "it is read by this command (a.mcap)" in output) == (2, True)
 
 
+def test_a_file_is_exported_once(here, told):
+    before = hashes(here)
+    code, output = told(["export", "a.mcap", "-o", "b.csv", "-o", "c.npz", "-o", "b.csv"])
+    assert (code, len(output.splitlines())) == (2, 1)
+    assert "--output b.csv: it is given twice: give each file once" in output
+    assert hashes(here) == before
+
+
 OVER_OTHERS = [
     ("report", "a.mcap", "-o", "other.html"),
     ("plot", "a.mcap", "-o", "other.png"),
