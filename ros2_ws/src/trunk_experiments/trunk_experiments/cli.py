@@ -38,8 +38,7 @@ _FAMILIES = {
         "compare": "Compare recorded runs side by side.",
         "explain": "Explain why a run had this torque at this instant.",
         "plot": "Draw recorded runs as PNG, SVG or PDF.",
-        "report": "Write recorded runs as one HTML page.",
-        "watch": "Play a recording in a browser.",
+        "report": "Write recorded runs as one HTML page; open it, serve it.",
         "export": "Write a run as CSV, Parquet, npz, MCAP, GIF, MP4.",
     },
     "trust": {
@@ -73,6 +72,7 @@ _GONE = {
     "fit": "python examples/fit_hip_path.py",
     "help": "trunk VERB --help",
     "import": "trunk rules read FILE",
+    "watch": "trunk report RUN --open",
 }
 
 _EXAMPLES = (

@@ -17,10 +17,10 @@ from trunk_msgs_util.node import early_signals
 _SAID: list[bool] = []  # not empty: the line has been written
 _PATIENCE = 0.5  # s that a verb has to clean up
 # These start or talk to other processes, and take the time to end them in order.
-_WITH_OTHERS = {"run", "sweep", "paper", "params", "tune", "live", "watch", "study map"}
+_WITH_OTHERS = {"run", "sweep", "paper", "params", "tune", "live", "study map"}
 
 # These have loaded rclpy, and nothing is left to do after them.
-_LEAVE_AT_ONCE = {"params", "run", "live", "watch"}
+_LEAVE_AT_ONCE = {"params", "run", "live"}
 
 composed = early_signals.node("trunk_experiments.runs.composed_node")
 markers = early_signals.node("trunk_experiments.views.markers_node")

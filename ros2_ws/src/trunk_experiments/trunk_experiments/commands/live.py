@@ -56,6 +56,9 @@ _OF_THE_PAGE = ("attach", "host", "port", "url", "browser", "as_json")
     help="Join the graph that is running in this namespace; / for none.",
 )
 @page_options
+@click.option(
+    "--browser/--no-browser", default=True, help="Open the page in a browser, where there is one."
+)
 @json_option(PageResult)
 def command(
     scenario: str | None,

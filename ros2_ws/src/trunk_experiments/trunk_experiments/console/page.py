@@ -25,13 +25,8 @@ _LOOK_S = 0.05
 
 
 def page_options(function: Any) -> Any:
-    """Add ``--host``, ``--port``, ``--url`` and ``--browser/--no-browser``."""
+    """Add ``--host``, ``--port`` and ``--url``."""
     for option in (
-        click.option(
-            "--browser/--no-browser",
-            default=True,
-            help="Open the page in a browser, where there is one.",
-        ),
         click.option(
             "--url",
             default="",
@@ -60,11 +55,11 @@ def page_options(function: Any) -> Any:
 
 @dataclass(frozen=True)
 class PageResult(Result, document="page-1"):
-    """The document of ``trunk live``, trunk watch."""
+    """The document of ``trunk live``."""
 
-    address: Annotated[str, "Of the page; of trunk live, to control the run"]
+    address: Annotated[str, "Of the page, to control the run"]
     watch_address: Annotated[str, "Of the page, to watch only"]
-    recording: Annotated[Path | None, "Written, or played; null for a graph that was joined"]
+    recording: Annotated[Path | None, "Written; null for a graph that was joined"]
 
 
 def checked_host(host: str, url: str) -> str:
@@ -92,22 +87,23 @@ def _checked_url(url: str) -> str:
 
 
 def show_address(
-    gateway: GatewayProcess,
-    browser: bool,
-    recording: Path | None,
-    controls: bool = True,
-    as_json: bool = False,
+    gateway: GatewayProcess, browser: bool, recording: Path | None, as_json: bool = False
 ) -> None:
     """Print the page's addresses, and open the first one in a browser, where there is one."""
     watch = gateway.address(gateway.tokens.watch)
-    address = gateway.address(gateway.tokens.control) if controls else watch
+    address = gateway.address(gateway.tokens.control)
     if as_json:
         write_json(PageResult(address, watch, recording))
     click.echo(f"page: {address}")
-    if controls:
-        click.echo(f"to watch only: {watch}")
-    if browser and (sys.platform == "darwin" or _has_screen()):
-        webbrowser.open(address)  # without a screen, a text browser would take over the terminal
+    click.echo(f"to watch only: {watch}")
+    if browser:
+        open_page(address)
+
+
+def open_page(address: str) -> None:
+    """Open a page in a browser; without a screen, a text browser would take over the terminal."""
+    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(address)
 
 
 def serve(
@@ -120,7 +116,3 @@ def serve(
         if any(over(word) for word in gateway.words()):
             return
         time.sleep(_LOOK_S)
-
-
-def _has_screen() -> bool:
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

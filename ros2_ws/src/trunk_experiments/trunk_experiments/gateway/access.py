@@ -1,4 +1,4 @@
-"""Who may talk to the gateway, and how much: tokens, hosts, origins, rates. Pure."""
+"""Who may talk to the gateway, and how much: tokens, hosts, origins, headers, rates. Pure."""
 
 from __future__ import annotations
 
@@ -11,6 +11,17 @@ from typing import NamedTuple
 from urllib.parse import urlsplit
 
 MOST_CLIENTS = 16
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
 _PORTS = {"http": 80, "https": 443}
 
 

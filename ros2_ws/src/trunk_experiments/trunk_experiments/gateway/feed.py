@@ -1,4 +1,4 @@
-"""What the gateway shows, whatever it comes from: texts on a board, and streams of rows. Pure.
+"""What the gateway shows: texts on a board, and streams of rows. Pure.
 
 A frame of rows is a sequence of little-endian doubles: the number of the stream, the columns of a row, the
 number of the first row, then the rows.
@@ -67,14 +67,6 @@ class StreamRows:
         # Twice as many as are kept, so that those are always in one piece.
         self._values: Floats = np.empty((2 * kept, len(self.names)))
         self._end = 0
-
-    @classmethod
-    def of(cls, names: Sequence[str], values: Floats) -> StreamRows:
-        """Return rows that are all present from the beginning and never dropped."""
-        rows = cls(names, 0)
-        rows._values = np.ascontiguousarray(values, np.float64)
-        rows.count = rows._end = rows._kept = len(values)
-        return rows
 
     @property
     def oldest(self) -> int:

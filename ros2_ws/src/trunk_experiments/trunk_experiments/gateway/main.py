@@ -11,10 +11,9 @@ import socket
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from .access import Site, Tokens
-from .feed import Feed
+from .graph_feed_node import GraphFeed
 from .server import Gateway, page_files, report_file
 
 # A third of what others get on a busy machine: enough to keep a page alive.
@@ -35,7 +34,7 @@ async def _serve() -> None:
     stdin = asyncio.StreamReader()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(stdin), sys.stdin)
     first = json.loads(await stdin.readline())
-    feed = _feed(first)
+    feed = GraphFeed(first["namespace"], first.get("standby", ()))
     gateway = Gateway(
         feed,
         Tokens(*first["tokens"]),
@@ -61,16 +60,6 @@ async def _serve() -> None:
     finally:
         server.stop()
         feed.close()
-
-
-def _feed(request: dict[str, Any]) -> Feed:
-    if "recording" in request:
-        from .recorded_feed import RecordedFeed
-
-        return RecordedFeed(Path(request["recording"]))
-    from .graph_feed_node import GraphFeed
-
-    return GraphFeed(request["namespace"], request.get("standby", ()))
 
 
 async def _listen(stdin: asyncio.StreamReader, gateway: Gateway) -> None:

@@ -31,10 +31,9 @@ class GatewayProcess:
         self._log = log
         self._heard = b""
         self.tokens = Tokens.new()
-        with _listening(host, port) as listener, log.open("wb") as output:
+        with listening(host, port) as listener, log.open("wb") as output:
             self.port: int = listener.getsockname()[1]
-            name = f"[{host}]" if ":" in host else host
-            self._url = url or f"http://{name}:{self.port}"
+            self._url = url or url_of(listener)
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "trunk_experiments.gateway.main"],
                 bufsize=0,
@@ -87,7 +86,14 @@ class GatewayProcess:
                 process.kill()
 
 
-def _listening(host: str, port: int) -> socket.socket:
+def url_of(listener: socket.socket) -> str:
+    """Return the URL of the site that a socket serves."""
+    host, port = listener.getsockname()[:2]
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}"
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """Return a socket that listens. Raises GatewayError where the address cannot be used."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:

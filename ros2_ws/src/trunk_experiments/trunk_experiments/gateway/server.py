@@ -20,7 +20,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from ..parts.inline import part
 from ..parts.page import STYLES, page, scripts
-from .access import MOST_CLIENTS, Rate, Site, Tokens
+from .access import HEADERS, MOST_CLIENTS, Rate, Site, Tokens
 from .feed import Feed, RefusedRequestError, frame
 from .protocol import ENDED, LONGEST, NAME, UNANSWERED, Asked, BadMessageError, asked, words
 
@@ -34,17 +34,6 @@ _MESSAGES_A_SECOND = 300.0
 _TOO_MANY = 1_000  # messages beyond the rate, after which a page is disconnected
 _ANSWERS = 64  # that wait for a slow page; older ones are dropped
 _FOR_CONTROL = 4  # places reserved for pages that may control
-_HEADERS = {
-    "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-    ),
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Cache-Control": "no-store",
-}
 _OWN = ("wire.js", "health.js", "live.js")
 _SCRIPTS = scripts(feed=["wire.js"], own=["health.js", "live.js"])
 _KINDS = {
@@ -324,7 +313,7 @@ class _Checked(RequestHandler):
 
     def set_default_headers(self) -> None:
         self.clear_header("Server")
-        for name, value in _HEADERS.items():
+        for name, value in HEADERS.items():
             self.set_header(name, value)
 
     def prepare(self) -> None:

@@ -116,7 +116,7 @@ const view = (() => {
   };
   const label = () => { at("play").textContent = known.recorded ? (view.stands() ? "Play" : "Pause") : view.stands() ? "Back to live" : "Freeze view"; };
   at("window").addEventListener("change", ({ target }) => { [view.window, view.from] = [Number(target.value), null]; });
-  at("play-speed").addEventListener("change", ({ target }) => { view.speed = Number(target.value); });
+  at("play-speed")?.addEventListener("change", ({ target }) => { view.speed = Number(target.value); });
   at("play").addEventListener("click", () => view.freeze(!view.stands()));
   at("seek").addEventListener("input", ({ target }) => view.seek(Number(target.value)));
   const tabs = [...document.querySelectorAll("[role=tab]")];

@@ -1,5 +1,5 @@
 "use strict";
-// What only a report has: runs hidden and subtracted, dots on its planes, and paper.
+// What only a report has: runs hidden and subtracted, what is in force at the time shown, and paper.
 (() => {
   const root = document.documentElement;
   const at = (id) => document.getElementById(id);
@@ -61,7 +61,39 @@
     const place = (value - low) / (high - low);
     return inside ? Math.min(1, Math.max(0, place)) : place;
   };
+
+  // ── what is in force ─────────────────────────────────────────────────────────────────────────────────
+  const parameters = new Map(); // the cell of a parameter that was changed -> its texts, by the times of the changes
+  const cells = new Map([...document.querySelectorAll("[data-parameter]")].map((cell) => [cell.dataset.parameter, cell]));
+  report.runs.forEach(({ changes }, run) => changes.forEach(([t, name, text]) => {
+    const cell = cells.get(`${run} ${name}`);
+    if (!cell) return; // of a node that is not known
+    if (!parameters.has(cell)) parameters.set(cell, [[-Infinity, cell.textContent]]);
+    parameters.get(cell).push([t, text]);
+  }));
+  const tables = [...document.querySelectorAll("[data-rules]")];
+  const branches = [...document.querySelectorAll("[data-branch]")];
+  const since = (list, time) => list.findLast(([t]) => t <= time) ?? list[0];
+  const say = (element, words) => { if (element.textContent !== words) element.textContent = words; };
+  const force = (time) => {
+    for (const [cell, texts] of parameters) say(cell, since(texts, time)[1]);
+    for (const table of tables) {
+      const { plant } = known.runs[table.dataset.rules];
+      const [row, column] = ["rules_row", "rules_column"].map((name) => plant.value(name, plant.row(time)));
+      [...table.tBodies[0].rows].forEach(({ cells: line }, i) => [...line].forEach((cell, j) =>
+        cell.toggleAttribute("data-lit", Math.abs(i - row) < 1 && Math.abs(j - 1 - column) < 1)));
+    }
+    for (const code of branches) {
+      const [at, controller] = code.children;
+      say(at, time.toFixed(3));
+      say(controller, since(report.runs[code.dataset.branch].others, time)[1]);
+    }
+  };
+  for (const code of branches) code.nextElementSibling.addEventListener("click", () => copyText(code));
+  for (const button of document.querySelectorAll("[data-seek]")) button.addEventListener("click", () => view.seek(Number(button.dataset.seek)));
+
   wire.at = (time) => {
+    if (known.recorded) force(time);
     for (const { dot, axes, index } of known.recorded ? dots : []) {
       const { plant, hidden, world } = known.runs[index];
       const row = plant.row(time);

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import base64
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from math import degrees
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from trunk_control.rule_base import RuleBaseConfig
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import RecordingError
+from trunk_msgs_util.recording.schemas import RunEvent
 from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import QUANTITIES
 from ..analysis.parameter_text import changed_parameters, differing_texts, full_text, lines_of
+from ..recorded.run import RecordedRun
 from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
 from ..results import number
@@ -28,6 +35,7 @@ from .rule_use import rule_use
 from .run_view import RunView, labels
 from .task import different_tasks
 
+_MOST_EVENTS = 1_000  # that are listed: a hostile file may hold any number
 _SURFACE_DPI = 60  # of what is not lines: a surface is smooth
 _NOT_OURS = (
     "not judged: the states are another robot's; the angle is shown as measured, the torque as commanded, "
@@ -66,6 +74,9 @@ class RunSection:
     provenance: Mapping[str, str]
     topics: tuple[tuple[str, str, int], ...]  # name, type, messages
     rules: RuleUse | None  # None: the law has no rules
+    events: tuple[tuple[float, str], ...]  # time in s, words
+    later_events: int  # that are not listed
+    branch: str  # its file, quoted for a shell; empty where it cannot be branched
     hip: bool  # False: another robot, of whose hip nothing is known
 
 
@@ -136,7 +147,7 @@ def said_of(view: RunView) -> list[str]:
 
 
 def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
-    table, recording = view.table, view.recording
+    table, recording, events = view.table, view.recording, _events(view.run)
     state = "complete" if recording.complete else "incomplete"
     fell = recording.fell_at_ns
     facts = (
@@ -162,8 +173,37 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         provenance=dict(sorted(recording.provenance.items())),
         topics=tuple((n, topic.type, topic.count) for n, topic in sorted(recording.topics.items())),
         rules=_rules(view),
+        events=tuple(events[:_MOST_EVENTS]),
+        later_events=len(events[_MOST_EVENTS:]),
+        branch="" if view.run.another_robot else shlex.quote(resolve_path(view.path).name),
         hip=not view.run.another_robot,
     )
+
+
+def _events(run: RecordedRun) -> list[tuple[float, str]]:
+    """Return what happened in a run, by time: the nodes' events, and the parameters that were changed."""
+    happened = [
+        (
+            max(seconds(event.stamp_ns), 0.0),
+            f"{run.recording.relative(event.node)}: {_words(event)}",
+        )
+        for event in run.events
+        if event.message != Event.RETUNED
+    ]
+    happened += [
+        (change.t, f"{change.node}: {change.name} {change.words}")
+        for change in changed_parameters(run)
+    ]
+    return sorted(happened, key=itemgetter(0))
+
+
+def _words(event: RunEvent) -> str:
+    values = {name: value for name, value in event.values.items() if name != "process"}
+    if event.message == Event.FELL:
+        with suppress(ValueError):  # somebody else's words
+            values = {name: f"{degrees(float(value)):.4g}°" for name, value in values.items()}
+    told = ", ".join(f"{name} {value}" for name, value in values.items())
+    return f"{event.message} ({told})" if told else event.message
 
 
 def _pictures(views: Sequence[RunView], names: Sequence[str]) -> Iterator[PlanePicture]:

@@ -10,19 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.config import SimulatorConfig
 
 from ..analysis.metrics import SETTLING_BAND_DEG
-from ..analysis.parameter_text import changed_parameters
+from ..analysis.parameter_text import changed_parameters, full_text
 from ..analysis.run_table import held_at
 from ..recorded.inputs import Pulse
 from .own_terms import OwnTerm, gains_told, own_terms, values_of_term
+from .rule_use import places_among
 from .run_view import INPUTS, RunView, labels, off_scale
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_table import Floats, Integers
+    from trunk_msgs_util.recording.joint_table import Bools, Floats, Integers
 
 _EXACT_ROWS = 150_000  # of all runs; more are reduced to bins
 _BINNED_ROWS = 60_000
@@ -54,6 +56,11 @@ def report_data(views: Sequence[RunView]) -> dict[str, Any]:
                 "fell": _fell(view),
                 "columns": packed(_columns(view, own), size),
                 "reference": references.index(reference),  # the first run that has the same
+                "changes": [
+                    (change.t, f"{change.node} {change.name}", full_text(change.after))
+                    for change in changed_parameters(view.run)
+                ],
+                "others": _others(view),
                 "measured": _differs(view.table.theta_measured, view.table.theta),
             }
             for view, name, reference in zip(views, names, references, strict=True)
@@ -129,9 +136,29 @@ def _columns(view: RunView, own: Sequence[OwnTerm]) -> dict[str, Floats]:
     }
     if view.terms is not None:
         at = np.rint(table.t * NANOSECONDS).astype(np.int64) + view.run.begin_ns
-        for name, column in zip(("rules_e", "rules_rate"), INPUTS, strict=True):
+        peaks = view.controller.peaks if isinstance(view.controller, RuleBaseConfig) else ()
+        names = ("rules_e", "rules_row"), ("rules_rate", "rules_column")
+        for (name, place), column, of in zip(names, INPUTS, peaks, strict=True):
             columns[name] = held_at(at, view.terms.stamp_ns, view.terms.column(*column))
+            where = np.where(_acts(view), places_among(columns[name], of), np.nan)
+            columns[place] = np.round(where, 3)  # it is only looked at
     return columns
+
+
+def _acts(view: RunView) -> Bools:
+    """Return for each state whether it is the turn of the controller whose rules are shown."""
+    turns = np.searchsorted([turn.start for turn in view.turns], view.table.t, side="right")
+    names = [view.controller_name, *(turn.controller for turn in view.turns)]
+    acts: Bools = (np.array(names) == view.controller_name)[turns]
+    return acts
+
+
+def _others(view: RunView) -> list[tuple[float, str]]:
+    """Return, by the time in s from which it is so, a controller that does not act: for a branch."""
+    names = (*view.controllers, "pid", "fuzzy_pid")
+    return [
+        (turn.start, next(name for name in names if name != turn.controller)) for turn in view.turns
+    ] or [(0.0, names[0])]
 
 
 def _differs(measured: Floats, true: Floats) -> bool:

@@ -51,6 +51,12 @@ def times_fired(
     return table
 
 
+def places_among(values: Floats, peaks: Sequence[float]) -> Floats:
+    """Return where inputs are among the peaks: 1.25 is a quarter of the way from the second to the third."""
+    low, weights = _located(values, peaks)
+    return np.where(np.isnan(values), np.nan, low + weights)
+
+
 def _located(values: Floats, peaks: Sequence[float]) -> tuple[Integers, Floats]:
     """Return the results of `locate` for all values at once."""
     at = np.asarray(peaks, np.float64)

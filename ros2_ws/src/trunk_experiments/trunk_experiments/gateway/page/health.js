@@ -58,7 +58,7 @@ const health = (() => {
     earlier.textContent = known.events_before ? `${known.events_before} earlier ones are in the recording` : "";
     for (const one of known.events) {
       const { number, t, node, event, values } = one;
-      if (number <= told || told < 0 || known.recorded) continue;
+      if (number <= told || told < 0) continue;
       if (BAD.has(event)) alarm.say(`${node}: ${event} at ${t.toFixed(2)} s${values.reason ? `, ${values.reason}` : ""}`);
       if (event !== "fell") continue;
       latest.textContent = described(one);

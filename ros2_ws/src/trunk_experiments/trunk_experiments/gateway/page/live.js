@@ -1,24 +1,21 @@
 "use strict";
-// What only a running graph and a recording have: the connection, the run's own pause, and a branch as a command.
+// What only a running graph has: the connection, the run's own pause, and a branch as a command.
 (() => {
   const at = (id) => document.getElementById(id);
   const LOST = "the gateway does not answer: the page keeps trying; the run goes on";
   let runs = null; // that have been started, as far as the gateway knows
-  let changes = []; // of a recording's parameters, by time
-  let count = 0; // of those that are in force at the time shown
   let leaving = ""; // for the report at this path: to ask for it anew would break off the first request
   const stores = () => [known.plant, known.control, known.pushes];
 
   const link = (state) => {
     at("link").textContent = state === "open" ? "connected" : "no connection";
     at("link").dataset.state = state === "open" ? "open" : "closed";
-    const ended = state === "ended" || known.run.ended || known.recorded;
+    const ended = state === "ended" || known.run.ended;
     const why = known.gateway.ended ? `: ${known.gateway.ended}` : "";
     if (state === "open") alarm.clear(LOST);
     else alarm.say(ended ? `the server of this page has ended${why}` : LOST, LOST);
   };
   const mode = () => {
-    if (known.recorded) return `recording ${known.recorded.file}${known.recorded.complete ? "" : `, incomplete: ${known.recorded.end}`}`;
     if (known.gateway.ended) return known.gateway.ended;
     if (known.run.ended) return "the run has ended";
     if (!known.run.started) return "waiting for the run to start";
@@ -39,19 +36,9 @@
   wire.listen((kind, values) => {
     if (kind === "link") link(values);
     else if (kind === "hello") {
-      document.body.dataset.feed ??= "graph";
       health.anew();
       runs = null;
-      changes = [];
-      count = 0;
-    } else if (kind === "recorded") {
-      document.body.dataset.feed = "recorded";
-      for (const store of stores()) store.forget = false;
-      at("title").textContent = values.file;
-      document.title = values.file;
-      if (!values.complete) alarm.say(`incomplete: ${values.end}`);
     } else if (kind === "run") at("pause").textContent = known.run.paused ? "Resume run" : "Pause run";
-    else if (kind === "changes") changes = values.changes;
     else if (kind === "health") health.diagnosed(values);
     else if (kind === "events") {
       const begun = known.events.filter(({ event }) => event === "started").length;
@@ -64,7 +51,7 @@
       if (known.gateway.report !== leaving) location.assign((leaving = known.gateway.report));
       if (known.gateway.ended) at("mode").textContent = mode();
     }
-    if (["recorded", "node", "run", "world"].includes(kind)) at("mode").textContent = mode();
+    if (["node", "run", "world"].includes(kind)) at("mode").textContent = mode();
     if (["node", "declared", "run", "world"].includes(kind)) speeds();
   });
 
@@ -75,24 +62,6 @@
     at("mode").textContent = "ending the run; its report will open here";
     view.ask("stop");
   });
-  wire.at = (time) => {
-    const after = changes.findIndex(({ t }) => t > time);
-    const now = after < 0 ? changes.length : after;
-    if (now === count) return;
-    const changed = changes.slice(Math.min(now, count), Math.max(now, count));
-    count = now;
-    for (const name of new Set(changed.map(({ node }) => node))) {
-      const node = known.nodes.get(name);
-      if (!node) continue;
-      const first = node.first ?? node.parameters;
-      const values = changes.slice(0, count).filter((change) => change.node === name).map((change) => change.values);
-      known.nodes.set(name, { ...node, first, parameters: Object.assign({}, first, ...values) });
-      knobs.show(name);
-    }
-    known.version += 1;
-    rules.show();
-    edits.show();
-  };
   const actingAt = (time) => {
     const acting = new Set();
     for (const { t, node, event } of known.events) {
@@ -103,7 +72,7 @@
     return acting;
   };
   at("branch").addEventListener("click", () => {
-    const file = known.recorded?.path ?? known.nodes.get("recorder")?.parameters.output ?? "RUN.mcap";
+    const file = known.nodes.get("recorder")?.parameters.output ?? "RUN.mcap";
     const others = [...known.nodes.values()].filter((node) => node.controller && !actingAt(view.time).has(node.name));
     const controller = others[0]?.name ?? "pid";
     at("branch-command").textContent =

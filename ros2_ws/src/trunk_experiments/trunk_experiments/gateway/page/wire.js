@@ -48,7 +48,6 @@ const wire = (() => {
       if (known.events.length === values.events.length) known.events_before = values.before;
     }
     else known[kind] = values;
-    if (kind === "recorded") known.control_allowed = false; // what has been stays as it was
     say(kind, values);
   };
   const open = () => {
