@@ -80,3 +80,19 @@ def test_parameters_of_a_running_node(children: Children, peer: Peer) -> None:
     (change,) = document(child, "params-apply-1")["changes"]
     assert change == {"name": "gains.p", "old": 60.0, "new": 50.0, "fixed": False}
     assert pid.stop() == 0, pid.stderr
+
+
+def test_a_live_run_gives_the_addresses_of_its_page(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    child = children.trunk(
+        "live", "demo", "--controller", "pid", "-o", tmp_path / "a", "--no-browser", "--json"
+    )
+    peer.until_started(child)
+    child.send(signal.SIGINT)
+    assert child.wait() == 0, child.stderr
+    found = document(child, "page-1")
+    assert found["recording"] == str(tmp_path / "a" / "run.mcap")
+    assert found["address"] != found["watch_address"]
+    for name, words in (("address", "page"), ("watch_address", "to watch only")):
+        assert f"{words}: {found[name]}\n" in child.stderr

@@ -43,13 +43,6 @@ def test_rows_keep_the_last_ones_and_number_them_all():
     assert rows.since(11, 5)[1].tolist() == []
 
 
-def test_complete_rows_stay():
-    rows = StreamRows.of(("t",), np.arange(5.0).reshape(-1, 1))
-    assert rows.oldest == 0
-    assert rows.since(0, 100)[1].ravel().tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
-    assert rows.since(3, 100)[0] == 3
-
-
 def test_a_frame_is_its_head_and_its_rows():
     rows = StreamRows(("t", "v"), 10)
     assert frame(3, rows, 0) == (b"", 0)

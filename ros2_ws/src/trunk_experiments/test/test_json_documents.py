@@ -17,7 +17,7 @@ from .documents import SCHEMAS, checked, documents_of
 from .documents import VERBS as DOCUMENTED
 from .verbs import VERBS
 
-# tests/graph/test_json.py; test_watch_browser.py
+# tests/graph/test_json.py
 ELSEWHERE = {"run-1", "params-apply-1", "page-1", "check-node-1", "explain-external-1"}
 
 

@@ -367,6 +367,22 @@ def test_a_fall_is_a_mark_in_time_and_every_event_stays_listed(opened, served):
     assert page.inner_text("#earlier") == f"{before + 101} earlier ones are in the recording"
 
 
+def test_rules_are_hidden_while_their_parameters_are_not_known(opened):
+    """A gateway knows the nodes before it knows their parameters."""
+    page = opened()
+    hidden = "() => { rules.show(); return document.getElementById('rules').hidden; }"
+    assert page.evaluate(hidden) is False
+    page.evaluate(
+        """() => {
+          window.whole = known.nodes.get("fuzzy_pid");
+          known.nodes.set("fuzzy_pid", { ...window.whole, parameters: {}, rules: null });
+        }"""
+    )
+    assert page.evaluate(hidden) is True
+    page.evaluate("() => known.nodes.set('fuzzy_pid', window.whole)")
+    assert page.evaluate(hidden) is False
+
+
 def test_a_report_is_asked_for_once(opened):
     """A second request would break off the first, which may be the last that is answered."""
     served = ServedGraph()

@@ -153,7 +153,10 @@ def test_the_page_holds_every_value_of_every_run(views, page):
             "alpha": table.alpha,
         }
         columns = unpacked(run["columns"])
-        assert columns.keys() - {"rules_e", "rules_rate"} == expected.keys()
+        assert (
+            columns.keys() - {"rules_e", "rules_rate", "rules_row", "rules_column"}
+            == expected.keys()
+        )
         for name, values in expected.items():
             assert columns[name].tobytes() == values.tobytes(), name
     (pulse,) = page.data["pulses"]

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from trunk_experiments.plans.plan import make_plan
+from trunk_control.fuzzy import fired_at
+from trunk_experiments.plans.plan import Swap, make_plan
+from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.report import make_report
@@ -356,6 +359,69 @@ def test_a_fall_is_marked_in_the_animation_and_in_every_chart_over_time(opened, 
         shows(page, time)
         assert page.inner_text("#readout-0 [data-value=fell]") == words
     assert page.evaluate("() => known.marks") == [{"t": fell, "kind": "fell", "words": "fell"}]
+
+
+LIT = "document.querySelectorAll('.rules [data-lit]').length"
+
+
+def test_a_swapped_run_lights_the_rules_of_whom_it_is_the_turn(opened, tmp_path):
+    swaps = [Swap(1.0, "fuzzy_pid"), Swap(2.8, "pid")]
+    plan = make_plan("fig8", "pid", everywhere={"duration": 3.0}, swaps=swaps)
+    record_offline(plan, tmp_path / "my run.mcap")
+    view = RunView.read(RecordedRun.open(tmp_path / "my run.mcap"))
+    write(make_report([view]), tmp_path / "swapped.html")
+    page = opened(tmp_path / "swapped.html")
+    for time, fires, other in (
+        (0.5, False, "fuzzy_pid"),
+        (2.0, True, "pid"),
+        (3.0, False, "fuzzy_pid"),
+    ):
+        page.locator("#seek").fill(str(time))
+        shows(page, time)
+        lit = page.evaluate(f"() => {LIT}")
+        assert (1 <= lit <= 4) if fires else lit == 0
+        assert page.inner_text("[data-branch]") == (
+            f"trunk branch 'my run.mcap' --at {time:.3f} --controller {other} -o what_if.mcap"
+        )
+    # Those that fire, by the law's own function.
+    page.locator("#seek").fill("2.0")
+    shows(page, 2.0)
+    row = int(np.searchsorted(view.terms.stamp_ns, 2_000_000_000, side="right")) - 1
+    inputs = [float(view.terms.column("position", name)[row]) for name in ("error", "error_rate")]
+    fired = fired_at(*inputs, *view.controller.peaks)
+    assert page.evaluate(
+        """() => [...document.querySelectorAll(".rules [data-lit]")].map((cell) =>
+            [cell.parentElement.sectionRowIndex, cell.cellIndex - 1])"""
+    ) == [[rule.row, rule.column] for rule in fired if rule.weight > 0.0]
+
+
+def test_parameters_are_those_at_the_time_shown(opened, tmp_path):
+    changes = {
+        "fuzzy_pid": (
+            Change(1_000_000_000, {"gains.p_max": 90.0}),
+            Change(2_000_000_000, {"gains.d_min": 8.5}),
+        )
+    }
+    plan = make_plan("fig8", "fuzzy_pid", everywhere={"duration": 3.0})
+    record_offline(replace(plan, changes=changes), tmp_path / "retuned.mcap")
+    view = RunView.read(RecordedRun.open(tmp_path / "retuned.mcap"))
+    write(make_report([view]), tmp_path / "retuned.html")
+    page = opened(tmp_path / "retuned.html")
+    page.evaluate("() => document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+    cells = [
+        page.locator(f"[data-parameter='0 fuzzy_pid gains.{name}']") for name in ("p_max", "d_min")
+    ]
+    for time, shown in (
+        ("2.5", ("90.0", "8.5")),
+        ("0.5", ("60.0", "9.6")),
+        ("1.5", ("90.0", "9.6")),
+    ):
+        page.locator("#seek").fill(time)
+        shows(page, float(time))
+        assert tuple(cell.inner_text() for cell in cells) == shown
+    event = page.locator("tr", has_text="fuzzy_pid: gains.p_max 60 → 90").last
+    event.locator("button").click()
+    assert page.evaluate(T) == 1.0
 
 
 def test_hostile_words_stay_text(opened, hostile_run, tmp_path):
