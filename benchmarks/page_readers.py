@@ -8,7 +8,7 @@ import sys
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
-from trunk_experiments.gateway.main import give_way
+from trunk_experiments.gateway.__main__ import give_way
 from trunk_experiments.gateway.protocol import NAME
 
 

@@ -35,7 +35,7 @@ class GatewayProcess:
             self.port: int = listener.getsockname()[1]
             self._url = url or url_of(listener)
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "trunk_experiments.gateway.main"],
+                [sys.executable, "-m", "trunk_experiments.gateway"],
                 bufsize=0,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,

@@ -181,7 +181,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
 
 
 def _events(run: RecordedRun) -> list[tuple[float, str]]:
-    """Return what happened in a run, by time: the nodes' events, and the parameters that were changed."""
+    """Return a run's events by time: the nodes' own, and the parameters that were changed."""
     happened = [
         (
             max(seconds(event.stamp_ns), 0.0),
@@ -202,8 +202,8 @@ def _words(event: RunEvent) -> str:
     if event.message == Event.FELL:
         with suppress(ValueError):  # somebody else's words
             values = {name: f"{degrees(float(value)):.4g}°" for name, value in values.items()}
-    told = ", ".join(f"{name} {value}" for name, value in values.items())
-    return f"{event.message} ({told})" if told else event.message
+    more = ", ".join(f"{name} {value}" for name, value in values.items())
+    return f"{event.message} ({more})" if more else event.message
 
 
 def _pictures(views: Sequence[RunView], names: Sequence[str]) -> Iterator[PlanePicture]:

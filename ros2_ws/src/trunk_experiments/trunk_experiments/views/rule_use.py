@@ -52,7 +52,7 @@ def times_fired(
 
 
 def places_among(values: Floats, peaks: Sequence[float]) -> Floats:
-    """Return where inputs are among the peaks: 1.25 is a quarter of the way from the second to the third."""
+    """Return the places of inputs among the peaks: 1.25 is a quarter beyond the second."""
     low, weights = _located(values, peaks)
     return np.where(np.isnan(values), np.nan, low + weights)
 
