@@ -31,7 +31,7 @@ def gateway_pid(child: Any) -> int:
 
     def found() -> int | None:
         for pid in map(int, path.read_text().split()):
-            if b"trunk_experiments.gateway.main" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            if b"trunk_experiments.gateway" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 return pid
         return None
 
