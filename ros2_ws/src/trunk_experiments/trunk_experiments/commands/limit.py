@@ -21,7 +21,7 @@ from trunk_msgs_util.parameters.declarations import (
 from trunk_msgs_util.parameters.to_si import number_in, units_of
 
 from ..console.document import json_option, write_json
-from ..console.options import device_option, names_or_files, studies
+from ..console.options import device_option, exclude, names_or_files, studies
 from ..console.outputs import check_output, output_options
 from ..console.plan_options import ControllerName, parameter_options
 from ..console.progress import progress_bar
@@ -116,10 +116,8 @@ def command(
     if (vary is None) == (push is None):
         raise PlanError("give --vary NODE.PARAM, or --push [CHANNEL=]DURATION[@TIME]")
     if study is not None:
-        if controllers or params or settings:
-            raise PlanError(
-                "--study brings its own controllers and parameters: leave the others out"
-            )
+        own = "controllers", "params", "settings"
+        exclude("--study has its own controllers and parameters", *own)
         if vary is None:
             raise PlanError(f"--push {push}: with --study, give --vary disturbance.pulse.magnitude")
         _study(study, vary, low, high, points, device, output, force, as_json)

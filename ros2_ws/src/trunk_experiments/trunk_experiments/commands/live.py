@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from trunk_msgs_util.node import middleware
 
 from ..console.document import json_option
+from ..console.options import exclude
 from ..console.outputs import check_not_read, output_options
 from ..console.page import PageResult, checked_host, page_options, serve, show_address
 from ..console.plan_options import HAND, external_option, files_read, plan_of, plan_options
@@ -85,7 +85,7 @@ def command(
     paced_by_clock = _paced_by_clock(realtime, lockstep, options["external"] is not None)
     middleware.prepare()
     if attach is not None:
-        _check_alone()
+        exclude("--attach joins a graph as it is", but=_OF_THE_PAGE)
         _attach(checked_namespace(attach), host, port, url, browser, as_json)
         return
     check_nodes_installed()
@@ -154,16 +154,6 @@ def _paced_by_clock(realtime: bool, lockstep: bool, external: bool) -> bool:
     if realtime and lockstep:
         raise PlanError("--realtime does not go with --lockstep: give one of them")
     return realtime or (external and not lockstep)
-
-
-def _check_alone() -> None:
-    """Raise PlanError for an option that plans a run: --attach joins one that is planned."""
-    context = click.get_current_context()
-    for option in context.command.params:
-        name = str(option.name)
-        given = context.get_parameter_source(name) is not ParameterSource.DEFAULT
-        if given and name not in _OF_THE_PAGE:
-            raise PlanError(f"--attach joins a graph as it is: leave out {option.opts[0]}")
 
 
 def _attach(namespace: str, host: str, port: int, url: str, browser: bool, as_json: bool) -> None:

@@ -14,10 +14,10 @@ from typing import Annotated
 import click
 
 from ..console.document import json_option, write_json
+from ..console.options import exclude
 from ..console.outputs import OutputResult, check_output, default_name, output_options
 from ..console.page import checked_host, open_page, page_options
 from ..console.reading import open_views, show_warnings_of
-from ..console.verbs import exclude
 from ..gateway.access import HEADERS, Site
 from ..gateway.process import listening, url_of
 from ..replay.doubts import RecordingResult, about

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import click
-from click.core import ParameterSource
 
 from trunk_msgs_util.errors import RecordingError
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_sim.simulation import DivergedError
 
 from ..console.document import json_option, write_json
+from ..console.options import exclude
 from ..console.outputs import check_output, default_name, output_options
 from ..console.plan_options import (
     PlanResult,
@@ -72,7 +72,7 @@ def command(
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
     """
     if like is not None:
-        _check_alone(click.get_current_context())
+        exclude("--like has the whole run", but=("output", "force", "like", "markers", "as_json"))
     inputs: list[str | Path] = [*files_read(options)]
     if like is None and options["scenario"] is None:
         raise PlanError("give a SCENARIO, or --like RUN.mcap or EXPERIMENT.json")
@@ -127,22 +127,6 @@ def _bits(experiment: Experiment | None, difference: str) -> str:
     if not experiment.sha256:
         return "; the browser took no digest, so that the bits are not compared"
     return ": the same bits as in the browser"
-
-
-def _check_alone(context: click.Context) -> None:
-    """Raise PlanError for what --like would ignore: the recording has the whole run."""
-    for name in context.params.keys() - {"output", "force", "like", "markers", "as_json"}:
-        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
-            given = {
-                "settings": "--set",
-                "swaps": "--swap-at",
-                "pushes": "--push",
-                "scenario": "SCENARIO",
-            }
-            raise PlanError(
-                f"{given.get(name, f'--{name}')} does not go with --like: the file says what is run; "
-                "give a SCENARIO to run another"
-            )
 
 
 def recorded(

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from trunk_msgs_util.parameters.declarations import UnitError
 from trunk_msgs_util.parameters.to_si import number_in
 
-from ..errors import did_you_mean
+from ..errors import PlanError, did_you_mean
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -20,6 +21,20 @@ if TYPE_CHECKING:
     Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def exclude(reason: str, *names: str, but: Iterable[str] = ()) -> None:
+    """Refuse parameters that were given and would be ignored: ``names``, or all ``but`` some.
+
+    Raises PlanError with the reason.
+    """
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        excluded = name in names if names else name not in but
+        if excluded and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            word = parameter.opts[0] if isinstance(parameter, click.Option) else name.upper()
+            raise PlanError(f"{reason}: leave out {word}")
 
 
 class Number(click.ParamType[float]):

@@ -7,14 +7,21 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import click
-from click.core import ParameterSource
 
-from ..errors import PlanError
 from ..plans.files import checked_external
 from ..plans.nodes import CONTROLLERS, UNUSABLE
 from ..plans.plan import RunPlan, make_plan, parse_swap
 from ..results import Result
-from .options import FiniteRange, Function, Name, Number, names_or_files, parameter_files, scenarios
+from .options import (
+    FiniteRange,
+    Function,
+    Name,
+    Number,
+    exclude,
+    names_or_files,
+    parameter_files,
+    scenarios,
+)
 from .terminal import show_warnings
 
 # Limits of a push by hand, unless a file or --set gives others: the trunk's controllers can stand these.
@@ -176,7 +183,7 @@ def plan_of(
     ``below``: values for all nodes that declare them, where nothing else sets them.
     """
     if external is not None:
-        _check_no_controller(swaps)
+        exclude("--external: your own node gives the commands", "controller", "swaps")
         external = checked_external(external)
     everywhere: dict[str, object] = dict(extra or {})
     if duration is not None:
@@ -198,14 +205,6 @@ def plan_of(
     )
     show_warnings(plan.warnings)
     return plan
-
-
-def _check_no_controller(swaps: Sequence[str]) -> None:
-    """Raise PlanError for an option that names a controller of ours, where none runs."""
-    context = click.get_current_context()
-    if context.get_parameter_source("controller") not in (None, ParameterSource.DEFAULT) or swaps:
-        option = "--swap-at" if swaps else "--controller"
-        raise PlanError(f"--external: your own node gives the commands: leave out {option}")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Verbs that have verbs of their own, such as ``trunk study``; options that exclude others."""
+"""Verbs that have verbs of their own, such as ``trunk study``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from ..errors import PlanError, did_you_mean
 
@@ -15,20 +14,6 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
 _WHOLE = 10_000  # characters of a first sentence; click would cut it at the line's end
-
-
-def exclude(reason: str, *names: str) -> None:
-    """Refuse what was given of these parameters: it would be ignored. Raises PlanError with the reason."""
-    context = click.get_current_context()
-    for parameter in context.command.params:
-        given = context.get_parameter_source(str(parameter.name)) is ParameterSource.COMMANDLINE
-        if given and parameter.name in names:
-            word = (
-                parameter.opts[0]
-                if isinstance(parameter, click.Option)
-                else parameter.make_metavar(context)
-            )
-            raise PlanError(f"{reason}: leave {word} out")
 
 
 class Verbs(click.Group):

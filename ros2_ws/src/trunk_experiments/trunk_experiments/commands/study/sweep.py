@@ -12,7 +12,7 @@ import click
 
 from ...analysis.metrics import QUANTITIES
 from ...console.document import json_option, write_json
-from ...console.options import device_option, names_or_files, studies
+from ...console.options import device_option, exclude, names_or_files, studies
 from ...console.outputs import check_output, output_options
 from ...console.progress import progress_bar
 from ...console.tables import print_table
@@ -102,12 +102,8 @@ def command(
     from ...study.sweep import SweepJob
 
     if sobol is not None:
-        options = (("--output", output), ("--force", force), ("--scheduler", scheduler))
-        for option, given in (*options, ("--check", check)):
-            if given:
-                raise PlanError(
-                    f"--sobol writes no file and goes on no cluster: leave {option} out"
-                )
+        unused = "output", "force", "scheduler", "check"
+        exclude("--sobol writes no file and goes on no cluster", *unused)
         _print_indices(study, sobol, metrics, jobs, device, as_json)
         return
     if metrics:
@@ -115,7 +111,7 @@ def command(
     if output is None:
         raise PlanError("give --output FILE.parquet, or --sobol N")
     check_output(output, (".parquet",), force, [study])
-    check_device(device, jobs, scheduler)
+    check_device(device)
     sweep = SweepJob(read_study(study), output)
     if check:
         sweep.check()
@@ -170,11 +166,10 @@ def run_sweep(
     return dict(outcome_counts(sweep.output))
 
 
-def check_device(device: str, jobs: int | None, scheduler: str | None = None) -> None:
-    """Raise PlanError for options that exclude one another."""
-    for other, value in (("--jobs", jobs), ("--scheduler", scheduler)):
-        if device != "cpu" and value is not None:
-            raise PlanError(f"--device {device}: one process uses the card: leave {other} out")
+def check_device(device: str) -> None:
+    """Raise PlanError for options that are not for a device."""
+    if device != "cpu":
+        exclude(f"--device {device}: one process uses the card", "jobs", "scheduler")
 
 
 def maker_on(device: str) -> OnDevice | None:
@@ -206,7 +201,7 @@ def _print_indices(
     from ...study.sensitivity import SensitivityResult, check_sensitivity, sensitivities, total_runs
     from ...study.study import read_study
 
-    check_device(device, jobs)
+    check_device(device)
     read = read_study(study)
     wanted = tuple(dict.fromkeys(metrics)) or _METRICS
     check_sensitivity(read, n, wanted)

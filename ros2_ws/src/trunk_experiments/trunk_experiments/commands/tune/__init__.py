@@ -10,13 +10,12 @@ from math import radians
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from trunk_msgs_util.units import seconds
 
 from ...analysis.metrics import JUDGED
 from ...console.document import json_option
-from ...console.options import FiniteRange, Function
+from ...console.options import FiniteRange, Function, exclude
 from ...console.outputs import check_output, output_options
 from ...console.plan_options import ControllerName, loop_options, loop_plan
 from ...console.progress import progress_bar
@@ -27,8 +26,6 @@ from .result import finish, finish_values, show_relay
 
 if TYPE_CHECKING:
     from ...tuning.linear import Linear
-
-_OPTIONS = {"scenarios": "scenario", "params": "params", "settings": "set", "rate": "rate"}
 
 
 def _options(function: Any) -> Any:
@@ -197,7 +194,8 @@ def optimise_command(
         "seed": seed,
     }
     if study is not None:
-        _check_alone(click.get_current_context())
+        own = "scenarios", "params", "settings", "rate"
+        exclude("--study has its own scenario, parameters and rate", *own)
         _learn(study, controller, searched, held_out_seed, workers, options)
         return
     plan = partial(loop_plan, controller, options["params"], options["settings"], options["rate"])
@@ -217,15 +215,6 @@ def optimise_command(
         )
     outcome = SearchResult(metric, scenarios, optimum.before, optimum.after, optimum.runs, seed)
     finish_values(plan(scenarios[0]), optimum.values, options, how={"search": outcome})
-
-
-def _check_alone(ctx: click.Context) -> None:
-    """Refuse options whose values the study has."""
-    for name in ("scenarios", "params", "settings", "rate"):
-        if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            ctx.fail(
-                f"--study has its own scenario, parameters and rate: leave out --{_OPTIONS[name]}"
-            )
 
 
 def _learn(
