@@ -264,10 +264,10 @@ def test_limits_and_indices_are_the_same(in_a_cards_place, tmp_path, trunk):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("sweep", "robustness", "-o", "x.parquet", "--jobs", 2), "leave --jobs out"),
+        (("sweep", "robustness", "-o", "x.parquet", "--jobs", 2), "leave out --jobs"),
         (
             ("sweep", "robustness", "-o", "x.parquet", "--scheduler", "tcp://x:1"),
-            "leave --scheduler out",
+            "leave out --scheduler",
         ),
         (("limit", "demo", "--push", "0.1", "--from", 1, "--to", 2), "for --study alone"),
         (("sweep", "robustness", "-o", "x.parquet"), "a GPU needs CuPy"),

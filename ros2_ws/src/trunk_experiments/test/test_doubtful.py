@@ -150,7 +150,7 @@ def test_like_refuses_what_it_would_ignore(short_run, tmp_path, monkeypatch, cap
         ("--controller", "pid"),
         ("--set", "pid.gains.p=1"),
         ("--rate", "500"),
-        ("fig8",),
+        ("SCENARIO",),
     ):
         monkeypatch.setattr(
             sys,
@@ -160,7 +160,7 @@ def test_like_refuses_what_it_would_ignore(short_run, tmp_path, monkeypatch, cap
         with pytest.raises(SystemExit) as stop:
             main()
         assert stop.value.code == 2
-        assert "does not go with --like" in capsys.readouterr().err
+        assert f"--like has the whole run: leave out {words[0]}" in capsys.readouterr().err
     assert not (tmp_path / "x.mcap").exists()
 
 

@@ -74,7 +74,7 @@ def test_the_page_is_served_by_its_secret_path_alone(served):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (("--port", "8000"), "without --serve nothing is served: leave --port out"),
+        (("--port", "8000"), "without --serve nothing is served: leave out --port"),
         (("--serve", "--host", "localhost"), "--host localhost: give one address of this machine"),
         (("--serve", "--host", "0.0.0.0"), "need --url, the address that browsers open"),
         (("--serve", "--url", "ftp://a"), "--url ftp://a: http://HOST:PORT"),

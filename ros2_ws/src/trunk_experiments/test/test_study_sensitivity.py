@@ -98,6 +98,16 @@ def test_a_refused_run_ends_it_in_one_line():
 
 
 @pytest.mark.parametrize(
+    "word", [("--force",), ("--check",), ("-o", "a.parquet"), ("--scheduler", "tcp://a:1")]
+)
+def test_what_it_has_no_use_for_is_refused(trunk, tmp_path, word):
+    study = tmp_path / "study.yaml"
+    study.write_text(STUDY)
+    line = f"--sobol writes no file and goes on no cluster: leave out {word[0]}"
+    assert trunk("sweep", study, "--sobol", 2, *word) == (2, "", f"trunk: error: {line}\n")
+
+
+@pytest.mark.parametrize(
     ("old", "new", "n", "metric", "line"),
     [
         ("", "", 100, "iae", "--sobol is 100: a power of two from 2 is needed, such as 64 or 128"),

@@ -235,4 +235,4 @@ def test_a_live_run_is_either_in_lockstep_or_in_real_time():
 @pytest.mark.slow
 def test_a_push_does_not_go_with_a_recorded_run(fig7, tmp_path):
     done = trunk("simulate", "--like", fig7, "--push", "1Nm:1s", "-o", tmp_path / "a.mcap", code=2)
-    assert "--push does not go with --like" in done.stderr
+    assert "--like has the whole run: leave out --push" in done.stderr
