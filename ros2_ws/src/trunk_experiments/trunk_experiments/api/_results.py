@@ -107,8 +107,7 @@ def report(*runs: Run | AnyPath, output: AnyPath, overwrite: bool = False) -> No
     Raises PlanError if there is no run and for an output that cannot be written, and RecordingError for a
     recording that cannot be read.
     """
-    from ..views.report import make_report
-    from ..views.report_page import write
+    from ..views.report import make_report, write
     from ..views.run_view import RunView
 
     if not runs:

@@ -170,8 +170,7 @@ def _attach(namespace: str, host: str, port: int, url: str, browser: bool, as_js
 
 def _show_report(gateway: GatewayProcess, run: RecordedRun, path: Path) -> None:
     """Write the run's report, and serve it until every page has opened it or was closed, or Ctrl-C."""
-    from ..views.report import make_report
-    from ..views.report_page import write
+    from ..views.report import make_report, write
     from ..views.run_view import RunView
 
     write(make_report([RunView.read(run)]), path)

@@ -59,8 +59,7 @@ def command(
 
     It needs no network and no server; several runs are shown side by side on the same clock.
     """
-    from ..views.report import make_report
-    from ..views.report_page import write
+    from ..views.report import make_report, write
 
     if not serve:
         exclude("without --serve nothing is served", "host", "port", "url")

@@ -18,8 +18,7 @@ from tornado.httpserver import HTTPServer
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ..parts.inline import part
-from ..parts.page import STYLES, page, scripts
+from ..parts.page import STYLES, page, part, scripts
 from .access import HEADERS, MOST_CLIENTS, Rate, Site, Tokens
 from .feed import Feed, RefusedRequestError, frame
 from .protocol import ENDED, LONGEST, NAME, UNANSWERED, Asked, BadMessageError, asked, words

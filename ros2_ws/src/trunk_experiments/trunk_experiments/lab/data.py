@@ -14,7 +14,6 @@ from typing import Any
 
 from jinja2.utils import htmlsafe_json_dumps
 
-from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_msgs_util.units import NANOSECONDS, nanoseconds
 from trunk_sim.disturbances import CHANNELS, Disturbance
@@ -25,8 +24,7 @@ from ..errors import PlanError
 from ..gateway.feed import Board
 from ..gateway.graph import Graph
 from ..gateway.protocol import plain
-from ..parts.inline import inline, part, script_sources
-from ..parts.page import STYLES, page, scripts
+from ..parts.page import STYLES, inline, page, part, policy, scripts, write_page
 from ..plans.plan import RunPlan
 from ..runs.loop_inputs import states_of
 from ..runs.states import TERMS
@@ -216,25 +214,18 @@ def render(lab: Mapping[str, Any]) -> str:
     data = _json(lab)
     digest = hashlib.sha256(f"{script}{data}".encode()).hexdigest()[:16]  # of all that computes
     data = _json({**lab, "digest": digest})
-    policy = (
-        f"default-src 'none'; script-src {script_sources([script])} 'wasm-unsafe-eval'; "
-        "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
-    )
     return page(
         f"Lab: {lab['scenario']}",
         f"<style>{''.join(map(part, STYLES))}</style>",
         f'<script type="application/json" id="lab-data">{data}</script>\n<script>{script}</script>',
         lab=True,
-        policy=policy,
+        policy=policy(script, " 'wasm-unsafe-eval'", "data: blob:"),
     )
 
 
 def write(lab: Mapping[str, Any], path: Path) -> int:
     """Write the page; return its size in bytes. Raises OSError."""
-    data = render(lab).encode("utf-8")
-    with atomic_write(path) as temporary:
-        temporary.write_bytes(data)
-    return len(data)
+    return write_page(render(lab), path)
 
 
 def _json(data: Mapping[str, Any]) -> str:

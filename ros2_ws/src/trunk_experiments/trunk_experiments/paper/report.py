@@ -10,17 +10,16 @@ from collections import Counter
 from importlib.resources import files
 from pathlib import Path
 
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from trunk_msgs_util.files import atomic_write
 
+from ..parts.page import part, policy, rendered, write_page
 from ..recorded.run import RecordedRun
 from ..results import number, plain
 from ..views.plots import paper_figure, save
-from ..views.report import make_report
-from ..views.report_page import write
+from ..views.report import make_report, write
 from ..views.run_view import RunView
 from .claims import PRINTED, TABLE_1
 from .reproduction import RATE_KEYS, Reproduction, Say, paper_numbers
@@ -50,20 +49,19 @@ def write_report(
     ``say`` is called with each next step. ``labs``: the folder has a lab of each figure.
     """
     text = json.dumps(plain(paper_numbers(result)), indent=2, ensure_ascii=False, allow_nan=False)
-    with atomic_write(folder / "paper.json") as part:
-        part.write_text(text + "\n", encoding="utf-8")
+    with atomic_write(folder / "paper.json") as file:
+        file.write_text(text + "\n", encoding="utf-8")
     pictures = {}
     for figure in FIGURES:
         say(f"drawing {figure}")
         pictures[figure] = _figure(figure, folder)
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"number": number, "formulas": formulas}
-    here = files(__package__)
-    template = here.joinpath("report.html.j2").read_text(encoding="utf-8")
-    page = environment.from_string(template).render(
-        style=Markup(here.joinpath("report.css").read_text(encoding="utf-8")),
+    page = rendered(
+        __package__,
+        "report.html.j2",
+        policy=policy(),
+        style=Markup(
+            part("style.css") + files(__package__).joinpath("report.css").read_text("utf-8")
+        ),
         result=result,
         verdicts=result.verdicts(),
         lead=lead(result),
@@ -75,10 +73,11 @@ def write_report(
         profiles=PROFILES,
         Case=Case,
         rate_keys=RATE_KEYS,
+        number=number,
+        formulas=formulas,
     )
     path = folder / "report.html"
-    with atomic_write(path) as part:
-        part.write_text(page, encoding="utf-8")
+    write_page(page, path)
     return path
 
 

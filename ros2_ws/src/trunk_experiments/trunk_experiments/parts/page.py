@@ -1,9 +1,19 @@
-"""The page of a run that can be changed: live, of a recording, or in a lab; and what pages are made of."""
+"""What pages are made of: scripts, styles, templates; each page is one file, or served by paths of its own.
+
+All that a template shows is escaped but what is `Markup`: text of our own files.
+"""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+from importlib.resources import files
+from pathlib import Path
+
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+
+from trunk_msgs_util.files import atomic_write
 
 # In the order in which a page loads them. The feed gives `wire`, which page.js opens.
 _FIRST = (
@@ -30,14 +40,59 @@ def scripts(feed: list[str], own: list[str]) -> list[str]:
 
 
 def page(title: str, styles: str, scripts: str, lab: bool = False, policy: str = "") -> str:
-    """Return the page; ``styles``, ``scripts``: elements of our own, which are not escaped."""
+    """Return the page of a run that can be changed, live or in a lab.
+
+    ``styles``, ``scripts``: elements of our own, which are not escaped.
+    """
+    return rendered(
+        __package__,
+        "page.html.j2",
+        title=title,
+        styles=Markup(styles),
+        scripts=Markup(scripts),
+        lab=lab,
+        policy=policy,
+    )
+
+
+def rendered(package: str, template: str, **values: object) -> str:
+    """Return a template of a package with these values."""
     environment = Environment(
-        loader=PackageLoader(__package__, "."),
+        loader=PackageLoader(package, "."),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("page.html.j2").render(
-        title=title, styles=Markup(styles), scripts=Markup(scripts), lab=lab, policy=policy
+    return environment.get_template(template).render(values)
+
+
+def policy(script: str = "", more: str = "", images: str = "data:") -> str:
+    """Return the content security policy of a page that is one file: this script runs, nothing is fetched.
+
+    ``more``: sources of scripts.
+    """
+    digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
+    runs = f"script-src 'sha256-{digest}'{more}; " if script else ""
+    return (
+        f"default-src 'none'; {runs}style-src 'unsafe-inline'; img-src {images}; base-uri 'none'; "
+        "form-action 'none'"
     )
+
+
+def write_page(html: str, path: Path) -> int:
+    """Write a page; return its size in bytes. Raises OSError."""
+    data = html.encode("utf-8")
+    with atomic_write(path) as temporary:
+        temporary.write_bytes(data)
+    return len(data)
+
+
+def part(name: str) -> str:
+    """Return the text of a part, such as ``stage.js``."""
+    return (files(__package__) / name).read_text(encoding="utf-8")
+
+
+def inline(script: str) -> str:
+    """Return a script whose text cannot end its script block early."""
+    return script.replace("</script", r"<\/script").replace("<!--", r"<\!--")

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from ..analysis.metrics import QUANTITIES
 from ..errors import StudyError
-from ..parts.inline import part
+from ..parts.page import part, policy, rendered
 from ..results import Count, Result
 from ..views.plots import drawn
 from .compare import (
@@ -40,7 +39,6 @@ from .map import draw, draw_curves, drawn_parameters, panels, scatter
 from .results import METRICS, Results
 
 WORST = 10
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 
 
 @dataclass(frozen=True)
@@ -144,24 +142,17 @@ def make_report(
 
 def render(report: StudyReport) -> str:
     """Return the page."""
-    environment = Environment(
-        loader=PackageLoader(__package__, "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals |= {
-        "quantities": QUANTITIES,
-        "estimate": estimate_text,
-        "number": number_text,
-        "percent": percent,
-        "resamples": RESAMPLES,
-    }
-    return environment.get_template("report.html.j2").render(
+    return rendered(
+        __package__,
+        "report.html.j2",
         report=report,
-        policy=_POLICY,
-        style=Markup(part("style.css")),  # our own file, nothing from the results
+        policy=policy(),
+        style=Markup(part("style.css")),
+        quantities=QUANTITIES,
+        estimate=estimate_text,
+        number=number_text,
+        percent=percent,
+        resamples=RESAMPLES,
     )
 
 

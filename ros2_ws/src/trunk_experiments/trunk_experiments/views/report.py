@@ -1,4 +1,9 @@
-"""A report's text and tables, computed before any page is written."""
+"""A report: its text and tables, and the page, one HTML file without network, server or second file.
+
+A recording's content enters the page in only two ways: as text, escaped by Jinja's autoescaping, and as
+JSON in a script block that is not run, with every ``<`` escaped. The content security policy allows the
+page's own script, by its digest, and no connections.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +14,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from math import degrees
 from operator import itemgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2.utils import htmlsafe_json_dumps
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from trunk_control.rule_base import RuleBaseConfig
@@ -23,6 +31,7 @@ from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import QUANTITIES
 from ..analysis.parameter_text import changed_parameters, differing_texts, full_text, lines_of
+from ..parts.page import REPORT_SCRIPTS, REPORT_STYLES, inline, part, policy, rendered, write_page
 from ..recorded.run import RecordedRun
 from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
@@ -126,6 +135,27 @@ def make_report(views: Sequence[RunView]) -> Report:
         pictures=tuple(_pictures(views, names)),
         data=report_data(views),
     )
+
+
+def render(report: Report) -> str:
+    """Return the page."""
+    script = inline("\n".join(map(part, REPORT_SCRIPTS)))
+    return rendered(
+        "trunk_experiments.parts",
+        "report.html.j2",
+        report=report,
+        data=htmlsafe_json_dumps(report.data, allow_nan=False, separators=(",", ":")),
+        policy=policy(script),
+        style=Markup("".join(map(part, REPORT_STYLES))),
+        script=Markup(script),
+        metric_text=metric_text,
+        quantity_label=quantity_label,
+    )
+
+
+def write(report: Report, path: Path) -> int:
+    """Write the page; return its size in bytes. Raises OSError."""
+    return write_page(render(report), path)
 
 
 def metric_text(value: float | None) -> str:

@@ -114,8 +114,7 @@ def command(
 
 def _write_report(recording: Path, target: Path) -> int:
     from ...console.reading import open_views, show_warnings_of
-    from ...views.report import make_report
-    from ...views.report_page import write
+    from ...views.report import make_report, write
 
     views = open_views([recording])
     show_warnings_of(views)
