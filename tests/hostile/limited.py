@@ -31,7 +31,7 @@ _LOADED = (
     "trunk_experiments.runs.offline_recording",
     "trunk_experiments.views.plots",
     "trunk_experiments.views.report",
-    "trunk_experiments.views.report_page",
+    "trunk_experiments.views.report",
     "matplotlib.backends.backend_agg",
     "pyarrow.parquet",
 )

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.views.report import make_report
-from trunk_experiments.views.report_page import write
+from trunk_experiments.views.report import make_report, write
 from trunk_experiments.views.run_view import RunView
 
 from .graph_double import ServedGraph

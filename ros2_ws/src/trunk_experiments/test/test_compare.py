@@ -19,8 +19,7 @@ from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.compare import best_of, compare, differing_parameters
-from trunk_experiments.views.report import make_report
-from trunk_experiments.views.report_page import render
+from trunk_experiments.views.report import make_report, render
 from trunk_experiments.views.run_view import RunView, labels
 
 

@@ -23,9 +23,8 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doctor import INFO, examine
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views import report_data
-from trunk_experiments.views.report import make_report
+from trunk_experiments.views.report import make_report, render
 from trunk_experiments.views.report_data import packed
-from trunk_experiments.views.report_page import render
 from trunk_experiments.views.rule_use import rule_use, times_fired
 from trunk_experiments.views.run_view import RunView
 from trunk_msgs_util.recording.writer import PROVENANCE

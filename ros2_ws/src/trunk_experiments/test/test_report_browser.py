@@ -13,8 +13,7 @@ from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views.report import make_report
-from trunk_experiments.views.report_page import write
+from trunk_experiments.views.report import make_report, write
 from trunk_experiments.views.run_view import RunView
 from trunk_msgs_util.mechanics import path_height
 

@@ -7,8 +7,7 @@ import pytest
 
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.views import report_data
-from trunk_experiments.views.report import make_report
-from trunk_experiments.views.report_page import write
+from trunk_experiments.views.report import make_report, write
 from trunk_experiments.views.run_view import RunView
 
 pytestmark = pytest.mark.browser

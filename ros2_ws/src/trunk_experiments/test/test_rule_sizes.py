@@ -16,8 +16,7 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.explain import explain
 from trunk_experiments.replay.verify import verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views.report import make_report
-from trunk_experiments.views.report_page import render
+from trunk_experiments.views.report import make_report, render
 from trunk_experiments.views.run_view import RunView
 from trunk_msgs_util.parameters.declarations import build, values_of
 
