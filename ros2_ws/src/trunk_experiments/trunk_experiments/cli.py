@@ -202,7 +202,7 @@ def _fault_of_a_law(error: Exception) -> str:
     """Return the fault of another package's law that raised the error; empty if none did or is loaded."""
     if f"{__package__}.plans.nodes" not in sys.modules:
         return ""
-    from .plans.law_faults import fault_of_a_law
+    from .plans.nodes import fault_of_a_law
 
     return fault_of_a_law(error)
 

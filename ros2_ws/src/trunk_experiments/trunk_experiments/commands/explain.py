@@ -17,8 +17,7 @@ from ..console.tables import print_table
 from ..console.terminal import show_warnings
 from ..recorded.turns import recorded_turns
 from ..replay.doubts import refused
-from ..replay.explain import Explanation, explain
-from ..replay.external import ExternalCommand, external_command
+from ..replay.explain import Explanation, ExternalCommand, explain, external_command
 
 
 @click.command("explain")

@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from math import inf
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
 import click
+import numpy as np
+from mcap.writer import Writer
+
+from trunk_msgs_util import topics as names
+from trunk_msgs_util.files import atomic_write
+from trunk_msgs_util.recording.digests import END, PROVENANCE
+from trunk_msgs_util.recording.joint_table import Floats
+from trunk_msgs_util.recording.mcap_file import McapFile
+from trunk_msgs_util.recording.messages import Messages
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.units import NANOSECONDS
 
 from ..analysis.run_table import RunTable, all_columns, column_units
 from ..console.document import json_option, write_json
@@ -17,7 +31,6 @@ from ..console.outputs import FORCE, check_output, is_stream
 from ..console.reading import open_run, show_damage
 from ..replay.doubts import RecordingResult, about
 from ..results import Count, Keyword
-from ..views.extract import window, write_csv, write_mcap, write_npz, write_parquet
 
 _FORMATS = (".csv", ".parquet", ".npz", ".gif", ".mp4", ".mcap")
 
@@ -122,3 +135,155 @@ def command(
 def _format_of(output: Path) -> str:
     """Return the suffix that says what is written: what is no file, such as /dev/stdout, takes CSV."""
     return ".csv" if is_stream(output) else output.suffix.lower()
+
+
+_CSV_ROWS = 8192  # written at a time
+
+
+def window(
+    columns: Mapping[str, Floats], start: float = -inf, end: float = inf
+) -> dict[str, Floats]:
+    """Return the rows with ``start <= t <= end``, in s."""
+    first = int(np.searchsorted(columns["t"], start, side="left"))
+    last = int(np.searchsorted(columns["t"], end, side="right"))
+    return {name: column[first:last] for name, column in columns.items()}
+
+
+def write_csv(
+    columns: Mapping[str, Floats], path: Path, units: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Write columns as CSV, one row per state; every number reads back as the same double.
+
+    The header gives the ``units`` that are known as CSV files for parameters do: ``theta [rad]``.
+    """
+    headings = [f"{name} [{units[name]}]" if units.get(name) else name for name in columns]
+    with atomic_write(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        file.write(",".join(headings) + "\n")
+        for start in range(0, len(columns["t"]), _CSV_ROWS):
+            rows = np.column_stack([c[start : start + _CSV_ROWS] for c in columns.values()])
+            file.writelines(",".join(map(repr, row)) + "\n" for row in rows.tolist())
+
+
+def write_parquet(
+    columns: Mapping[str, Floats], path: Path, units: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Write columns as Parquet, doubles to the last bit.
+
+    The metadata has their ``units``: of each field ``unit``, and for pandas ``attrs["units"]``.
+    """
+    pyarrow = import_module("pyarrow")  # untyped, and 0.2 s to import
+    parquet = import_module("pyarrow.parquet")
+    arrays = [np.ascontiguousarray(column) for column in columns.values()]
+    known = {name: units[name] for name in columns if name in units}
+    fields = [
+        pyarrow.field(name, pyarrow.float64(), metadata={"unit": known.get(name, "")})
+        for name in columns
+    ]
+    schema = pyarrow.schema(fields, metadata={"PANDAS_ATTRS": json.dumps({"units": known})})
+    with atomic_write(path) as part, part.open("wb") as file:
+        parquet.write_table(pyarrow.table(arrays, schema=schema), file, compression="zstd")
+
+
+def write_npz(columns: Mapping[str, Floats], path: Path) -> None:
+    """Write columns as a compressed NumPy archive, one array each."""
+    with (
+        atomic_write(path) as part,
+        part.open("wb") as file,
+    ):  # given a name, NumPy would append .npz
+        np.savez_compressed(file, **dict[str, Any](columns))  # its other arguments are typed too
+
+
+def write_mcap(
+    recording: Recording,
+    path: Path,
+    start: float = -inf,
+    end: float = inf,
+    topics: Collection[str] = (),
+) -> int:
+    """Copy messages with ``start <= stamp <= end`` in s, byte for byte; return their number.
+
+    Stamps are the headers', or else log times. ``topics`` are absolute or relative; empty: all.
+    Parameters set before the window are copied as well, since they apply in it. The end record marks
+    anything less than the whole run as incomplete. Raises RecordingError for unknown topics.
+    """
+    wanted = _chosen(recording, topics)
+    first, last = _ns(start), _ns(end)
+    parameters = recording.topic(names.RUN_PARAMETERS)
+    count = 0
+    with atomic_write(path) as part, part.open("wb") as file:
+        writer = Writer(file, enable_data_crcs=True)
+        writer.start("ros2", f"trunk_msgs_util export of {recording.library}")
+        if recording.provenance:
+            writer.add_metadata(PROVENANCE, recording.provenance)
+        channels: dict[tuple[int, int], int] = {}
+        schemas: dict[tuple[str, bytes], int] = {}
+        for source, messages in recording.copies(wanted):
+            number = messages.channels()
+            stamp_ns = source.stamps(messages)
+            is_parameters = np.array(
+                [source.channels[int(c)].topic == parameters for c in np.unique(number)]
+            )[np.searchsorted(np.unique(number), number)]
+            rows = np.flatnonzero(
+                (stamp_ns <= last) & ((stamp_ns >= first) | is_parameters),
+            )
+            for row in rows.tolist():
+                key = (id(source), int(number[row]))
+                if key not in channels:
+                    channels[key] = _channel(writer, source, key[1], schemas)
+                _copy(writer, channels[key], messages, row)
+            count += len(rows)
+        writer.flush()
+        whole = recording.complete and start == -inf and end == inf and not topics
+        reason = f"exported from {recording.path.name}"
+        if not whole:
+            reason += f"{_span(start, end)}, {len(wanted)} topics"
+        writer.add_metadata(END, {"complete": str(whole).lower(), "reason": reason})
+        writer.finish()
+    return count
+
+
+def _chosen(recording: Recording, topics: Collection[str]) -> list[str]:
+    chosen = []
+    for name in topics:
+        absolute = name if name.startswith("/") else recording.topic(name)
+        if absolute not in recording.topics:
+            raise RecordingError(
+                f"{recording.path} has no topic {absolute}, only {', '.join(recording.topics)}"
+            )
+        chosen.append(absolute)
+    return chosen or list(recording.topics)
+
+
+def _span(start: float, end: float) -> str:
+    """Return a window of time in words; an open end is left out."""
+    if start == -inf:
+        return "" if end == inf else f", up to t = {end:g} s"
+    return f", from t = {start:g} s" if end == inf else f", t = {start:g} to {end:g} s"
+
+
+def _ns(time: float) -> float:
+    return time if abs(time) == inf else round(time * NANOSECONDS)
+
+
+def _channel(
+    writer: Writer, source: McapFile, number: int, schemas: dict[tuple[str, bytes], int]
+) -> int:
+    channel = source.channels[number]
+    schema = source.schemas.get(channel.schema_id)
+    new = 0
+    if schema is not None:
+        key = (schema.name, schema.data)
+        if key not in schemas:
+            schemas[key] = writer.register_schema(schema.name, schema.encoding, schema.data)
+        new = schemas[key]
+    return writer.register_channel(
+        channel.topic, channel.message_encoding, new, dict(channel.metadata)
+    )
+
+
+def _copy(writer: Writer, channel: int, messages: Messages, row: int) -> None:
+    data, log, start, end = messages
+    at = int(start[row])
+    sequence = int.from_bytes(data[at - 20 : at - 16], "little")
+    publish = int.from_bytes(data[at - 8 : at], "little")
+    writer.add_message(channel, int(log[row]), data[at : int(end[row])], publish, sequence)

@@ -31,8 +31,7 @@ from ..analysis.metrics import SETTLING_BAND_DEG
 from ..errors import PlanError
 from ..recorded.inputs import Pulse
 from ..replay.doubts import doubts_of
-from .own_terms import gains_told, own_terms, values_of_term
-from .run_view import RunView, labels, off_scale
+from .run_view import RunView, gains_told, labels, off_scale, own_terms, values_of_term
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_table import Floats

@@ -40,8 +40,7 @@ from .compare import Row, differing_parameters, metric_rows, table_axes, table_g
 from .plots import drawn, planes
 from .report_data import report_data
 from .rule_plots import surface
-from .rule_use import rule_use
-from .run_view import RunView, labels
+from .run_view import RunView, labels, rule_use
 from .task import different_tasks
 
 _MOST_EVENTS = 1_000  # that are listed: a hostile file may hold any number

@@ -19,9 +19,17 @@ from ..analysis.metrics import SETTLING_BAND_DEG
 from ..analysis.parameter_text import changed_parameters, full_text
 from ..analysis.run_table import held_at
 from ..recorded.inputs import Pulse
-from .own_terms import OwnTerm, gains_told, own_terms, values_of_term
-from .rule_use import places_among
-from .run_view import INPUTS, RunView, labels, off_scale
+from .run_view import (
+    INPUTS,
+    OwnTerm,
+    RunView,
+    gains_told,
+    labels,
+    off_scale,
+    own_terms,
+    places_among,
+    values_of_term,
+)
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_table import Bools, Floats, Integers

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from trunk_msgs_util.recording.reader import Recording
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 
-from ..analysis.run_table import RunTable
+from ..analysis.run_table import RunTable, held_at
 from ..plans.nodes import CONTROLLERS
 from ..recorded.inputs import Pulse, pulses_of
 from ..recorded.name import name_of_run, place_of
@@ -27,8 +27,10 @@ from ..recorded.run import RecordedRun
 from ..recorded.turns import Turn, recorded_turns
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from trunk_msgs_util.parameters.declarations import Value
-    from trunk_msgs_util.recording.joint_table import Column, Floats, JointTable
+    from trunk_msgs_util.recording.joint_table import Column, Floats, Integers, JointTable
 
 
 GAINS = ("kp", "ki", "kd", "alpha")
@@ -199,3 +201,99 @@ def off_scale(values: Floats) -> float | None:
         return None
     usual = float(np.quantile(finite, 0.985))
     return 1.25 * usual if 0.0 < 4.0 * usual < float(np.max(finite)) else None
+
+
+_UNITS = {"unsaturated": "N m"}
+
+
+class OwnTerm(NamedTuple):
+    """A term of a law's own."""
+
+    name: str
+    unit: str
+
+    @property
+    def title(self) -> str:
+        """The name and the unit, for an axis."""
+        name = self.name.replace("_", " ")
+        return f"{name}, {self.unit}" if self.unit else name
+
+
+def own_terms(views: Sequence[RunView]) -> list[OwnTerm]:
+    """Return the terms of laws that report no gains, in their order, each once."""
+    own: dict[str, OwnTerm] = {}
+    for view in views:
+        for controller in view.controllers:
+            for name in own_terms_of(controller):
+                units = {**law_named(controller).units, **_UNITS}
+                own.setdefault(name, OwnTerm(name, units.get(name, "").replace(" ", "·")))
+    return list(own.values())
+
+
+def gains_told(views: Sequence[RunView]) -> bool:
+    """Return True if any run has gains to show, or nothing else is known of its law."""
+    known = [name for view in views for name in view.controllers if name in CONTROLLERS]
+    return not known or any(map(tells_gains, known))
+
+
+def values_of_term(view: RunView, term: OwnTerm) -> Floats:
+    """Return a term at the run's states: of the last update, NaN before it and where a law has none."""
+    t_ns = np.rint(view.table.t * 1e9).astype(np.int64)
+    values: Floats = np.full(len(t_ns), np.nan)
+    for controller in view.controllers:
+        if controller in CONTROLLERS and term.name in law_named(controller).terms._fields:
+            state, column = topics.controller_state(controller), ("position", term.name)
+            recorded = view.run.series({state: [column]})[state]
+            held = held_at(t_ns, recorded.stamp_ns, recorded.column(*column))
+            values = np.where(np.isnan(values), held, values)
+    return values
+
+
+_AT_ONCE = 1 << 16  # updates: those of an hour at once would take 400 MB
+
+
+def rule_use(view: RunView) -> list[list[int]]:
+    """Return how many updates fired each rule (weight above 0), [label of e][label of e_dot]."""
+    config = view.controller
+    if not isinstance(config, RuleBaseConfig) or view.terms is None:
+        return []
+    errors, rates = (view.terms.column(*column) for column in INPUTS)
+    return times_fired(errors, rates, *config.peaks)
+
+
+def times_fired(
+    errors: Floats, rates: Floats, error_peaks: Sequence[float], rate_peaks: Sequence[float]
+) -> list[list[int]]:
+    """Return how many of the inputs [rad, rad/s] fire each rule: `fired_rules` of all at once."""
+    counts = np.zeros((len(error_peaks), len(rate_peaks)), np.int64)
+    for first in range(0, len(errors), _AT_ONCE):
+        i, a = _located(errors[first : first + _AT_ONCE], error_peaks)
+        j, b = _located(rates[first : first + _AT_ONCE], rate_peaks)
+        both = a * b
+        later = b - both
+        for rows, columns, weights in (
+            (i, j, 1.0 - a - later),
+            (i, j + 1, later),
+            (i + 1, j, a - both),
+            (i + 1, j + 1, both),
+        ):
+            fired = weights > 0.0
+            at = np.ravel_multi_index((rows[fired], columns[fired]), counts.shape)
+            counts += np.bincount(at, minlength=counts.size).reshape(counts.shape)
+    table: list[list[int]] = counts.tolist()
+    return table
+
+
+def places_among(values: Floats, peaks: Sequence[float]) -> Floats:
+    """Return the places of inputs among the peaks: 1.25 is a quarter beyond the second."""
+    low, weights = _located(values, peaks)
+    return np.where(np.isnan(values), np.nan, low + weights)
+
+
+def _located(values: Floats, peaks: Sequence[float]) -> tuple[Integers, Floats]:
+    """Return the results of `locate` for all values at once."""
+    at = np.asarray(peaks, np.float64)
+    inside = np.where(values > at[0], np.minimum(values, at[-1]), at[0])  # NaN to the first peak
+    low: Integers = np.minimum(np.searchsorted(at, inside, side="right") - 1, len(at) - 2)
+    weights: Floats = (inside - at[low]) / (at[low + 1] - at[low])
+    return low, weights
