@@ -20,8 +20,7 @@ import numpy as np
 
 from trunk_experiments.errors import RuleFileError
 from trunk_experiments.rulebase.engine import RuleEngine
-from trunk_experiments.rulebase.importing import ALONE
-from trunk_experiments.rulebase.read import TRANSLATIONS, read_fll
+from trunk_experiments.rulebase.importing import ALONE, TRANSLATIONS, read_fll
 from trunk_experiments.rulebase.sampling import Sampling, check_points, sample
 
 POINTS = 10_000

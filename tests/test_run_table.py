@@ -9,10 +9,10 @@ from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import COLUMNS, RunTable
+from trunk_experiments.commands.export import write_csv
 from trunk_experiments.plans.plan import make_plan, parse_swap
 from trunk_experiments.recorded import run as recorded_run
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.views.extract import write_csv
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording import schemas

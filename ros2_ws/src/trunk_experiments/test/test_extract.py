@@ -16,9 +16,15 @@ from trunk_experiments.analysis.run_table import (
     all_columns,
     column_units,
 )
+from trunk_experiments.commands.export import (
+    window,
+    write_csv,
+    write_mcap,
+    write_npz,
+    write_parquet,
+)
 from trunk_experiments.errors import PlanError
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.views.extract import window, write_csv, write_mcap, write_npz, write_parquet
 from trunk_experiments.views.film import write_gif, write_mp4
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 

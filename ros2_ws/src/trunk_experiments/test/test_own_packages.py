@@ -158,7 +158,7 @@ def test_a_module_beside_a_law_is_not_the_law(tmp_path: Path) -> None:
     install(tmp_path, "mine", "mine = mine:LAW", module=own_law(tmp_path))
     (tmp_path / "other.py").write_text("def divide():\n    return 1 / 0\n")
     code = (
-        "import other\nfrom trunk_experiments.plans.law_faults import fault_of_a_law\n"
+        "import other\nfrom trunk_experiments.plans.nodes import fault_of_a_law\n"
         "try:\n    other.divide()\nexcept ZeroDivisionError as error:\n"
         "    print(repr(fault_of_a_law(error)))\n"
     )

@@ -25,8 +25,7 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views import report_data
 from trunk_experiments.views.report import make_report, render
 from trunk_experiments.views.report_data import packed
-from trunk_experiments.views.rule_use import rule_use, times_fired
-from trunk_experiments.views.run_view import RunView
+from trunk_experiments.views.run_view import RunView, rule_use, times_fired
 from trunk_msgs_util.recording.writer import PROVENANCE
 from trunk_sim.operator_input import Applied
 
