@@ -231,11 +231,8 @@ def keep_sums(sums: Sums, cells: Floats, lane: int) -> None:
 
 def keep_metrics(metrics: MetricNumbers, cells: Floats, lane: int) -> None:
     """Write the metrics in place of the sums."""
-    keep_four(metrics[:4], SUMS, cells, lane)
-    keep_four(metrics[4:8], SUMS + 4, cells, lane)
-    cells[(SUMS + 8) * LANES + lane] = metrics.peak_torque
-    cells[(SUMS + 9) * LANES + lane] = metrics.theta_min_deg
-    cells[(SUMS + 10) * LANES + lane] = metrics.theta_max_deg
+    for row in range(len(metrics)):
+        cells[(SUMS + row) * LANES + lane] = metrics[row]
 
 
 def state_at(cells: Floats, row: int, lane: int) -> PlantState:
