@@ -9,10 +9,12 @@ from struct import pack
 from trunk_control.decide import Reading, active_at
 from trunk_control.law import Hip
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.units import NANOSECONDS, seconds
 
 from ..errors import PlanError
+from ..plans.timeline import Change
 from ..recorded.run import RecordedRun
 from .controller import ExportedController, ExportedStep
 
@@ -38,8 +40,11 @@ def recorded_rows(run: RecordedRun, e: ExportedController) -> list[ExportedStep]
             f"--like {run.path}: it ran in real time, and the controller did not get every state: "
             "give an offline run or one in lock-step"
         )
-    if name in plan.changes:
-        at = seconds(plan.changes[name][0].stamp_ns)
+    # That it acts from the first state on is an event of a run in the graph.
+    begins = Change(-1, None, Event.ACTIVATED)
+    changes = [change for change in plan.changes.get(name, ()) if change != begins]
+    if changes:
+        at = seconds(changes[0].stamp_ns)
         raise PlanError(
             f"--like {run.path}: {name} was changed, reset or switched by hand at t = {at:g} s: "
             "give a recording without that"
