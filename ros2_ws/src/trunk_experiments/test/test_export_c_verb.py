@@ -1,6 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
+
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import Change
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.events import Event
 
 
 @pytest.mark.parametrize(
@@ -39,6 +47,26 @@ def test_a_mistake_is_one_line(words, line, recordings_here, command_says):
     assert line in err
     assert err.count("\n") == 1
     assert not (recordings_here / "c").exists()
+
+
+def test_a_recording_of_the_graph_says_that_its_controller_acts_from_the_start(
+    command_says, tmp_path
+):
+    begins = Change(-1, None, Event.ACTIVATED)
+    plan = make_plan("fig8", "pid", everywhere={"duration": 0.1})
+    for name, changes in (
+        ("begins", (begins,)),
+        ("changed", (begins, Change(50_000_000, {"gains.p": 61.0}))),
+    ):
+        path = tmp_path / f"{name}.mcap"
+        record_offline(replace(plan, changes={"pid": changes}), path)
+        assert RecordedRun.open(path).plan().changes["pid"] == [*changes]
+    words = "export-c", "pid", "-o", tmp_path / "c", "--like"
+    code, _, err = command_says(*words, tmp_path / "changed.mcap")
+    assert code == 2
+    assert "pid was changed, reset or switched by hand at t = 0.05 s" in err
+    code, _, err = command_says(*words, tmp_path / "begins.mcap")
+    assert (code, err) == (0, "")
 
 
 def test_nothing_is_overwritten_unless_asked(command_says, tmp_path, monkeypatch):
