@@ -26,6 +26,16 @@ pytestmark = [
 ]
 
 
+@pytest.mark.parametrize(
+    ("width", "height"), [(1200, 760), (1280, 800), (1366, 768), (1920, 1080)]
+)
+def test_the_trunks_are_seen_on_every_screen(opened, width, height):
+    page = opened({"width": width, "height": height})
+    box = page.locator("#scene").bounding_box()
+    assert box["height"] >= 150
+    assert box["y"] + box["height"] <= height
+
+
 @pytest.mark.parametrize("pane", [0, 1])
 def test_a_hand_on_one_trunk_pushes_all(opened, lab, pane):
     page = opened()

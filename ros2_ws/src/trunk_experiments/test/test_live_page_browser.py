@@ -96,6 +96,19 @@ def test_on_a_desk_all_is_on_one_screen(opened, scheme):
     assert page.evaluate(HIDDEN, ".rule-table") == []
 
 
+@pytest.mark.parametrize(
+    ("width", "height"),
+    [(1200, 720), (1200, 760), (1280, 800), (1280, 900), (1366, 768), (1920, 1080)],
+)
+def test_the_trunk_is_seen_on_every_screen(opened, width, height):
+    page = opened({"width": width, "height": height})
+    box = page.locator("#scene").bounding_box()
+    assert box["height"] >= 200
+    assert box["y"] + box["height"] <= height
+    assert page.locator("#strip-angle").bounding_box()["height"] >= 100
+    assert page.evaluate(NARROW)
+
+
 def test_on_a_phone_nothing_covers_the_torque_and_no_word_is_broken(opened, served):
     page = opened(PHONE)
     for scrolled in range(0, 700, 50):  # wherever it is on the screen
