@@ -205,9 +205,11 @@ def _joints(run: RecordedRun, roles: _Roles, topic: str, joints: JointTable) -> 
     answers = is_state or topic == roles.commands
     # In real time the latest state is answered: some states twice, some never.
     loose = answers and not run.exact
+    # With several controllers, each one's commands are in order; together they need not be. Of references for
+    # one state, as a hand gives them, the last counts.
     several = topic == roles.commands and len(run.controllers) > 1
-    # With several controllers, each one's commands are in order; together they need not be.
-    yield from _order(joints.stamp_ns, topic, INFO if loose or several else WARNING)
+    by_hand = topic == run.recording.topic(names.REFERENCE)
+    yield from _order(joints.stamp_ns, topic, INFO if loose or several or by_hand else WARNING)
     if answers or topic in roles.by_simulator:
         node = owner or run.recording.controller or ""
         node = "simulator" if topic in roles.by_simulator else node
