@@ -6,7 +6,7 @@ import struct
 import pytest
 
 from trunk_experiments.commands.info import exit_code
-from trunk_experiments.replay.doctor import ERROR, WARNING, examine
+from trunk_experiments.replay.doctor import ERROR, INFO, WARNING, examine
 from trunk_experiments.replay.verify import verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.provenance import FORMAT
@@ -270,6 +270,18 @@ def test_what_cannot_be_recomputed_is_named(tmp_path, short_run, topic, change, 
     assert f"{topic}: {says}: the run cannot be recomputed" in "\n".join(
         finding.describe() for finding in found
     )
+
+
+def test_of_references_for_one_state_the_last_counts_and_none_is_a_fault(tmp_path, short_run):
+    """Who drags the ring of the live page gives several while a state lasts."""
+    found = content(short_run("fig8", "pid", duration=0.3))
+    for number, k in enumerate((3, 3, 5)):
+        sample = JointSample(k * MS, ("trunk",), (0.1 * number,))
+        data = layout_of(sample).pack(sample)
+        found.messages.append([f"/{topics.REFERENCE}", k * MS, data, k * MS, 0])
+    path = write(found, tmp_path / "a.mcap", ANEW).path
+    (finding,) = [f for f in examine(path) if f.topic == f"/{topics.REFERENCE}"]
+    assert (finding.severity, finding.message) == (INFO, "the stamp appears twice")
 
 
 def test_a_bad_message_is_named(tmp_path, short_run):
