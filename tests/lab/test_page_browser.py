@@ -26,9 +26,7 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("width", "height"), [(1200, 760), (1280, 800), (1366, 768), (1920, 1080)]
-)
+@pytest.mark.parametrize(("width", "height"), [(1200, 760), (1280, 800), (1366, 768), (1920, 1080)])
 def test_the_trunks_are_seen_on_every_screen(opened, width, height):
     page = opened({"width": width, "height": height})
     box = page.locator("#scene").bounding_box()

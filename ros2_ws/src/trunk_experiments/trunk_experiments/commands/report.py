@@ -18,6 +18,7 @@ from ..console.options import exclude
 from ..console.outputs import OutputResult, check_output, default_name, output_options
 from ..console.page import checked_host, open_page, page_options
 from ..console.reading import open_views, show_warnings_of
+from ..console.terminal import show_warnings
 from ..gateway.access import HEADERS, Site
 from ..gateway.process import listening, url_of
 from ..replay.doubts import RecordingResult, about
@@ -78,8 +79,9 @@ def command(
         )
     if served:
         click.echo(f"page: {address}\nuntil Ctrl-C")
-    if opens:
-        open_page(address or target.absolute().as_uri())
+    page = address or target.absolute().as_uri()
+    if opens and not open_page(page):
+        show_warnings([f"--open: there is no browser here: open {page}"])
     if served:
         served.serve_forever()
 

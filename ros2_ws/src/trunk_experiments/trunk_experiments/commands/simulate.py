@@ -54,8 +54,8 @@ class SimulateResult(PlanResult, WrittenResult, document="simulate-1"):
 @markers_option
 @click.option(
     "--like",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    metavar="RUN.mcap|EXPERIMENT.json",
+    type=click.Path(path_type=Path, exists=True),
+    metavar="RUN|EXPERIMENT.json",
     help="Repeat a recorded run, or an experiment saved in a browser; in place of SCENARIO.",
 )
 @json_option(SimulateResult)
@@ -75,7 +75,7 @@ def command(
         exclude("--like has the whole run", but=("output", "force", "like", "markers", "as_json"))
     inputs: list[str | Path] = [*files_read(options)]
     if like is None and options["scenario"] is None:
-        raise PlanError("give a SCENARIO, or --like RUN.mcap or EXPERIMENT.json")
+        raise PlanError("give a SCENARIO, or --like RUN or EXPERIMENT.json")
     if output is None:
         of = f"{Path(options['scenario'] or '').stem}_{options['controller']}"
         output = Path(f"{of}.mcap") if like is None else default_name(like, "_again.mcap")

@@ -100,10 +100,12 @@ def show_address(
         open_page(address)
 
 
-def open_page(address: str) -> None:
-    """Open a page in a browser; without a screen, a text browser would take over the terminal."""
-    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-        webbrowser.open(address)
+def open_page(address: str) -> bool:
+    """Open a page in a browser; False without a screen: a text browser would take over the terminal."""
+    screen = (
+        sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
+    return bool(screen) and webbrowser.open(address)
 
 
 def serve(

@@ -27,8 +27,8 @@ def missing_tools() -> str:
     if not missing or find_spec("ziglang"):
         return ""
     return (
-        f"{' and '.join(missing)} not found: pip install ziglang, which brings both, "
-        "or install clang and lld, such as by scripts/arm_tools.sh"
+        f"{' and '.join(missing)} not found: pip install -r requirements/lab.txt in the project's folder, "
+        "which brings both, or install clang and lld"
     )
 
 

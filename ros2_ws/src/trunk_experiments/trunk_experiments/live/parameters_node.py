@@ -131,7 +131,8 @@ class LiveParameters:
     def _absent(self) -> str:
         names = sorted(set(self._names()))
         if self._name in names:
-            return f"{self._name} does not answer within {self.timeout_s:g} s"
+            why = "it is busy, or its run has ended"
+            return f"{self._name} does not answer within {self.timeout_s:g} s: {why}"
         there = ", ".join(names) or "none in this ROS domain"
         meant = did_you_mean(self._name, names)
         return f"no node {self._name} within {self.timeout_s:g} s; running nodes: {there}{meant}"
