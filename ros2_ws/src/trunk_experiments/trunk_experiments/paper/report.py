@@ -135,9 +135,13 @@ def formulas(text: str) -> Markup:
 
 
 def _mathml(formula: str) -> Markup:
-    row: list[Markup] = []
+    """Return a formula as elements, each after the first from a sign on: there a line may break."""
+    rows: list[list[Markup]] = [[]]
     for token in _TOKEN.finditer(unicodedata.normalize("NFD", formula)):
         kind, text = token.lastgroup, token[0]
+        if text in "+−=" and rows[-1]:
+            rows.append([])
+        row = rows[-1]
         if kind == "index":
             name, index = text[0], text[2:].strip("{}")
             row.append(Markup("<msub><mi>{}</mi><mtext>{}</mtext></msub>").format(name, index))
@@ -152,5 +156,6 @@ def _mathml(formula: str) -> Markup:
         else:
             tag = {"number": "mn", "letter": "mi"}.get(str(kind), "mo")
             attribute = ' stretchy="false"' if text in "()[]" else ""
+            attribute = ' form="infix"' if text in "+−=" and len(rows) > 1 else attribute
             row.append(Markup(f"<{tag}{attribute}>{{}}</{tag}>").format(text))
-    return Markup("<math>{}</math>").format(Markup("").join(row))
+    return Markup("").join(Markup("<math>{}</math>").format(Markup("").join(row)) for row in rows)
