@@ -153,11 +153,21 @@ def test_the_report_is_one_file_with_every_part(tmp_path, monkeypatch):
     assert json.loads((tmp_path / "paper.json").read_text())["errata"][0]["shown"] is True
 
 
+@pytest.mark.browser
+def test_no_formula_is_wider_than_a_phone(new_page):
+    page = new_page(viewport={"width": 390, "height": 844})
+    texts = [text for one in ERRATA for text in (one.printed, one.correct)]
+    page.set_content("".join(f"<p>{formulas(text)}</p>" for text in texts))
+    assert page.locator("math").count() > 2 * len(ERRATA)
+    assert page.evaluate("() => document.documentElement.scrollWidth") == 390
+
+
 def test_errata_are_printed_as_mathematics():
     page = formulas("no $θ̇²$; a < $M⁻¹V − K_{p,max}$")
     assert page == (
         "no <math><msup><mover><mi>θ</mi><mo>˙</mo></mover><mn>2</mn></msup></math>; a &lt; "
-        "<math><msup><mi>M</mi><mn>−1</mn></msup><mi>V</mi><mo>−</mo>"
+        "<math><msup><mi>M</mi><mn>−1</mn></msup><mi>V</mi></math>"
+        '<math><mo form="infix">−</mo>'
         "<msub><mi>K</mi><mtext>p,max</mtext></msub></math>"
     )
     for erratum in ERRATA:
