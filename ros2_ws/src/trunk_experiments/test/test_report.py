@@ -290,7 +290,7 @@ def test_damage_is_reported(short_run, tmp_path):
     assert fell.startswith("FELL")
     assert others == list(dict.fromkeys(wanted))
     words = " ".join(Page(render(report)).words)
-    assert "cut: warnings" in words
+    assert "cut, PID (Ziegler–Nichols), fig8: warnings" in words
     assert wanted[0] in words
 
 
