@@ -185,7 +185,7 @@ const strips = (() => {
       chart.plot.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
       if (event.shiftKey) return;
       if (Math.abs(event.clientX - begun.x) > DRAG_PX) view.zoom(Math.min(begun.time, end), Math.max(begun.time, end));
-      else view.seek(end);
+      else view.seek(stampNear(chart, end) ?? end);
     });
     target.addEventListener("pointerleave", () => { chart.told.hidden = true; });
     target.addEventListener("pointercancel", () => { down = null; });
@@ -203,12 +203,15 @@ const strips = (() => {
       view.zoomAbout(timeAt(event), Math.exp(Math.max(-50, Math.min(50, event.deltaY)) / 150));
     }, { passive: false });
   };
-  // Say the nearest state's stamp and values with all their digits. Where nothing can be changed the time goes there.
-  const point = (chart, time, event) => {
+  const stampNear = (chart, time) => {
     const stores = chart.lines.filter((one) => one.label && one.column).map((one) => one.of?.() ?? known[one.from ?? chart.kind.of]);
     const stamps = stores.flatMap(({ t }) => (t.length ? [t[rowAt(t, time)], t[Math.min(t.length - 1, rowAt(t, time) + 1)]] : []));
-    if (!stamps.length) return;
-    const stamp = stamps.reduce((best, t) => (Math.abs(t - time) < Math.abs(best - time) ? t : best));
+    return stamps.length ? stamps.reduce((best, t) => (Math.abs(t - time) < Math.abs(best - time) ? t : best)) : undefined;
+  };
+  // Say the nearest state's stamp and values with all their digits. Where nothing can be changed the time goes there.
+  const point = (chart, time, event) => {
+    const stamp = stampNear(chart, time);
+    if (stamp === undefined) return;
     if (!known.control_allowed && !view.playing) view.time = stamp;
     const { told, target } = chart;
     told.replaceChildren(...[`t = ${showNumber(stamp, 10)} s`, ...chart.keys.filter(({ one }) => one.column && !one.timeout).map(({ one }) =>
@@ -299,9 +302,9 @@ const strips = (() => {
     label(chart, view.time); // before the room for the curves is measured
     const axis = { stroke: cssColor("--ink"), grid: { stroke: cssColor("--grid"), width: 1 }, ticks: { stroke: cssColor("--rule"), width: 1 }, font: "12px system-ui, sans-serif" };
     chart.plot = new uPlot({
-      width: Math.max(chart.target.clientWidth, 60), height: chart.target.clientHeight, padding: [8, 8, 0, 0],
+      width: Math.max(chart.target.clientWidth, 60), height: chart.target.clientHeight, padding: [8, 14, 0, 0],
       scales: { x: { time: false, auto: false }, y: { range: (plot, low, high) => spread(chart, plot, low, high) } },
-      axes: [{ ...axis, size: 26 }, { ...axis, size: 60, space: 20, splits: ticks, values: (_, values) => values.map((value) => showNumber(value)) }],
+      axes: [{ ...axis, size: 26, ...(known.marks ? { label: "time, s", labelSize: 16, labelGap: 0, labelFont: axis.font } : {}) }, { ...axis, size: 60, space: 20, splits: ticks, values: (_, values) => values.map((value) => showNumber(value)) }],
       legend: { show: false }, cursor: { show: false }, hooks: { drawClear: [bands], draw: [marks] },
       bands: chart.lines.flatMap((one, i) => (one.band ? [{ series: [i + 2, i + 1], fill: cssColor("--band") }] : [])),
       series: [{}, ...chart.lines.map((one) => ({
@@ -385,7 +388,8 @@ const strips = (() => {
     const sizes = !chart.kind.cut || chart.uncut ? [] : plot.data.flatMap((column, i) => (plot.series[i].auto && i ? Array.from(column, Math.abs) : [])).filter(Number.isFinite).sort((a, b) => a - b);
     const usual = 1.25 * sizes[Math.floor(0.985 * (sizes.length - 1))];
     const cut = usual > 0 && 4 * usual < 1.25 * Math.max(-low, high);
-    chart.title.textContent = `${chart.kind.title}${cut ? " (peaks cut)" : ""}`;
+    const peak = showNumber(Math.max(-low, high), 5);
+    chart.title.textContent = `${chart.kind.title}${!cut ? "" : known.marks ? ` (peaks up to ${peak} off scale; a double-click shows all)` : " (peaks cut)"}`;
     if (chart.kind.zero) [low, high] = [Math.min(low, 0), Math.max(high, 0)];
     if (cut) [low, high] = [Math.max(low, -usual), Math.min(high, usual)];
     const edge = Math.max(0.06 * (high - low), 1e-3 * Math.max(Math.abs(low), Math.abs(high))) || 1;

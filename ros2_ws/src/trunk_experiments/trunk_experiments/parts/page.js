@@ -104,7 +104,9 @@ const view = (() => {
     view.window = Math.min(Math.max(to - from, 1e-6), last - first);
     view.from = view.window < last - first ? Math.max(first, Math.min(from, last - view.window)) : null;
     if (view.from !== null && (view.time < view.from || view.time > view.from + view.window)) view.time = view.from;
-    at("window").value = String(view.window === last - first ? Infinity : view.window);
+    const shown = at("window");
+    shown.value = String(view.window === last - first ? Infinity : view.window);
+    if (shown.selectedIndex < 0) shown.value = "";
   };
   view.zoomAbout = (time, times) => {
     const { first, last } = known.recorded;

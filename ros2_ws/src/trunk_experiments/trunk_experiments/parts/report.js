@@ -84,7 +84,7 @@
         cell.toggleAttribute("data-lit", Math.abs(i - row) < 1 && Math.abs(j - 1 - column) < 1)));
     }
     for (const code of branches) {
-      const [at, controller] = code.children;
+      const [at, controller] = code.querySelectorAll("b");
       say(at, time.toFixed(3));
       say(controller, since(report.runs[code.dataset.branch].others, time)[1]);
     }

@@ -41,7 +41,7 @@ from .plots import drawn, planes
 from .report_data import report_data
 from .rule_plots import surface
 from .run_view import RunView, labels, rule_use
-from .task import different_tasks
+from .task import different_tasks, not_ranked
 
 _MOST_EVENTS = 1_000  # that are listed: a hostile file may hold any number
 _SURFACE_DPI = 60  # of what is not lines: a surface is smooth
@@ -106,6 +106,7 @@ class Report:
     runs: tuple[RunSection, ...]
     metrics: tuple[Row, ...]
     no_metrics: str  # why there are none
+    not_ranked: str  # why no run is the best; empty: one may be
     differing: Mapping[str, tuple[str, ...]]
     tables: tuple[
         tuple[str, list[list[str]]], ...
@@ -118,8 +119,9 @@ def make_report(views: Sequence[RunView]) -> Report:
     """Return the report on one run or several."""
     names = labels(views)
     doubts = [doubts_of(view.run) for view in views]
+    tasks = different_tasks(views)
     try:
-        rows, reason = metric_rows(views, doubts, different_tasks(views)), ""
+        rows, reason = metric_rows(views, doubts, tasks), ""
     except RecordingError as error:
         rows, reason = (), str(error)
     differing = differing_parameters(views) if len(views) > 1 else {}
@@ -129,6 +131,7 @@ def make_report(views: Sequence[RunView]) -> Report:
         runs=tuple(map(_section, views, names, doubts)),
         metrics=rows,
         no_metrics=reason,
+        not_ranked=not_ranked(tasks),
         differing={n: differing_texts(values, axes.get(n)) for n, values in differing.items()},
         tables=tuple(table_grids(names, differing, axes)),
         pictures=tuple(_pictures(views, names)),
@@ -204,7 +207,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         rules=_rules(view),
         events=tuple(events[:_MOST_EVENTS]),
         later_events=len(events[_MOST_EVENTS:]),
-        branch="" if view.run.another_robot else shlex.quote(resolve_path(view.path).name),
+        branch="" if view.run.another_robot else shlex.quote(str(view.path)),
         hip=not view.run.another_robot,
     )
 

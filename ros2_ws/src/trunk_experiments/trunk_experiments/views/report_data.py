@@ -18,6 +18,7 @@ from trunk_sim.config import SimulatorConfig
 from ..analysis.metrics import SETTLING_BAND_DEG
 from ..analysis.parameter_text import changed_parameters, full_text
 from ..analysis.run_table import held_at
+from ..plans.nodes import CONTROLLERS
 from ..recorded.inputs import Pulse
 from .run_view import (
     INPUTS,
@@ -232,13 +233,19 @@ def _marks(views: Sequence[RunView], names: Sequence[str]) -> list[dict[str, Any
     for view, name in zip(views, names, strict=True):
         for mark in _happened(view):
             runs.setdefault(mark, []).append(name)
+
+    def place(mark: tuple[float, str, str]) -> tuple[float, bool, str, str]:
+        """Return the order: at one time a controller's changes before other nodes'; not all have room."""
+        t, kind, words = mark
+        return t, kind == "change" and words.partition(":")[0] not in CONTROLLERS, kind, words
+
     return [
         {
             "t": t,
             "kind": kind,
             "words": words if len(whose) == len(views) else f"{words} ({', '.join(whose)})",
         }
-        for (t, kind, words), whose in sorted(runs.items())
+        for (t, kind, words), whose in sorted(runs.items(), key=lambda item: place(item[0]))
     ]
 
 
@@ -246,11 +253,11 @@ def _happened(view: RunView) -> Iterator[tuple[float, str, str]]:
     """Yield time in s, kind and words of what happened in a run."""
     for turn in view.turns[1:]:
         yield turn.start, "turn", f"→ {turn.controller}"
-    changes = changed_parameters(view.run)
+    changes = [change for change in changed_parameters(view.run) if change.before != change.after]
     for change in changes if len(changes) <= _MOST_CHANGES else ():
         yield change.t, "change", f"{change.node}: {change.name} {change.words}"
     if view.run.branch is not None:
-        yield view.run.branch.at, "branch", "branch"
+        yield view.run.branch.at, "branch", "branch begins"
     if (fell := _fell(view)) is not None:
         yield fell, "fell", "fell"
     for push in _pushes(view):

@@ -4,6 +4,7 @@
   const at = (id) => document.getElementById(id);
   const LOST = "the gateway does not answer: the page keeps trying; the run goes on";
   let runs = null; // that have been started, as far as the gateway knows
+  let stopping = false; // by request from this page
   let leaving = ""; // for the report at this path: to ask for it anew would break off the first request
   const stores = () => [known.plant, known.control, known.pushes];
 
@@ -17,6 +18,7 @@
   };
   const mode = () => {
     if (known.gateway.ended) return known.gateway.ended;
+    if (stopping) return `${known.run.ended ? "making the report, which" : "ending the run; its report"} will open here`;
     if (known.run.ended) return "the run has ended";
     if (!known.run.started) return "waiting for the run to start";
     if (!known.run.acting.length && [...known.nodes.values()].some((node) => node.controller)) return "no controller acts";
@@ -58,8 +60,9 @@
   at("pause").addEventListener("click", () => view.ask("pause", { on: !known.run.paused }));
   at("reset").addEventListener("click", () => view.ask("reset"));
   at("stop").addEventListener("click", () => {
-    at("stop").disabled = true;
-    at("mode").textContent = "ending the run; its report will open here";
+    stopping = true;
+    for (const id of ["stop", "pause", "reset"]) at(id).disabled = true;
+    at("mode").textContent = mode();
     view.ask("stop");
   });
   const actingAt = (time) => {
