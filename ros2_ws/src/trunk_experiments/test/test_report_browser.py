@@ -144,6 +144,18 @@ def test_hovering_shows_all_digits_and_moves_the_time(opened, file, views):
         assert told.is_hidden()
 
 
+def test_a_click_goes_to_a_state(opened, file, views):
+    page = opened(file)
+    target = page.locator("#strip-angle .u-over")
+    target.scroll_into_view_if_needed()
+    box = target.bounding_box()
+    page.evaluate("() => { view.playing = true; view.speed = 0; }")
+    page.mouse.click(box["x"] + 0.4321 * box["width"], box["y"] + box["height"] / 2)
+    assert not page.evaluate("() => view.playing")
+    assert page.evaluate(T) > 0.0
+    assert page.evaluate(T) in views[0].table.t
+
+
 def test_the_data_in_the_page_are_the_recorded_bits(opened, file, views):
     page = opened(file)
     for run, view in enumerate(views):
@@ -236,7 +248,7 @@ def test_short_peaks_are_cut_until_they_are_asked_for(opened, file, views):
     page = opened(file)
     high = "() => strips.made.get('torque').plot.scales.y.max"
     assert page.evaluate(high) < views[0].table.torque.max() / 2
-    assert "peaks cut" in page.inner_text("#strip-torque strong")
+    assert re.search(r"peaks up to \d+ off scale", page.inner_text("#strip-torque strong"))
     page.locator("#strip-torque .u-over").dblclick()
     page.wait_for_function(f"(peak) => ({high})() > peak", arg=views[0].table.torque.max())
 
@@ -380,7 +392,7 @@ def test_a_swapped_run_lights_the_rules_of_whom_it_is_the_turn(opened, tmp_path)
         lit = page.evaluate(f"() => {LIT}")
         assert (1 <= lit <= 4) if fires else lit == 0
         assert page.inner_text("[data-branch]") == (
-            f"trunk branch 'my run.mcap' --at {time:.3f} --controller {other} -o what_if.mcap"
+            f"trunk branch '{view.path}' --at {time:.3f} --controller {other} -o what_if.mcap"
         )
     # Those that fire, by the law's own function.
     page.locator("#seek").fill("2.0")
