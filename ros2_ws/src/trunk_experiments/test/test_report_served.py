@@ -5,6 +5,8 @@ from __future__ import annotations
 import http.client
 import re
 import signal
+import socket
+import struct
 import subprocess
 import sys
 from urllib.parse import urlsplit
@@ -69,6 +71,24 @@ def test_the_page_is_served_by_its_secret_path_alone(served):
         assert page.read_bytes() not in body
     for method in ("POST", "PUT", "DELETE", "OPTIONS"):
         assert answer(address, method=method)[0].status == 501
+
+
+def test_who_leaves_or_sends_nonsense_says_nothing_at_the_terminal(served):
+    page, address, _ = served
+    parts = urlsplit(address)
+    for request in (
+        f"GET {parts.path} HTTP/1.1\r\nHost: {parts.netloc}\r\n\r\n",
+        "GET /\xff HTTP/1.1\r\n\r\n",
+        "\x16\x03\x01 TLS\r\n\r\n",
+        "GET\r\n",
+        f"GET / HTTP/1.1\r\nHost: {'x' * 100_000}\r\n\r\n",
+    ):
+        for _ in range(5):
+            with socket.create_connection((parts.hostname, parts.port)) as client:
+                reset = struct.pack("ii", 1, 0)
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, reset)
+                client.sendall(request.encode("latin-1"))
+    assert answer(address)[1] == page.read_bytes()
 
 
 @pytest.mark.parametrize(
