@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trunk_control.rule_base import RuleBaseConfig
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.config import SimulatorConfig
@@ -20,6 +19,7 @@ from ..analysis.parameter_text import changed_parameters, full_text
 from ..analysis.run_table import held_at
 from ..plans.nodes import CONTROLLERS
 from ..recorded.inputs import Pulse
+from ..recorded.turns import acts
 from .run_view import (
     INPUTS,
     OwnTerm,
@@ -28,12 +28,12 @@ from .run_view import (
     labels,
     off_scale,
     own_terms,
-    places_among,
+    rule_places,
     values_of_term,
 )
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_table import Bools, Floats, Integers
+    from trunk_msgs_util.recording.joint_table import Floats, Integers
 
 _EXACT_ROWS = 150_000  # of all runs; more are reduced to bins
 _BINNED_ROWS = 60_000
@@ -145,21 +145,13 @@ def _columns(view: RunView, own: Sequence[OwnTerm]) -> dict[str, Floats]:
     }
     if view.terms is not None:
         at = np.rint(table.t * NANOSECONDS).astype(np.int64) + view.run.begin_ns
-        peaks = view.controller.peaks if isinstance(view.controller, RuleBaseConfig) else ()
+        active = acts(view.run, view.controller_name or "", at)
         names = ("rules_e", "rules_row"), ("rules_rate", "rules_column")
-        for (name, place), column, of in zip(names, INPUTS, peaks, strict=True):
+        for (name, place), column, places in zip(names, INPUTS, rule_places(view), strict=True):
             columns[name] = held_at(at, view.terms.stamp_ns, view.terms.column(*column))
-            where = np.where(_acts(view), places_among(columns[name], of), np.nan)
+            where = np.where(active, held_at(at, view.terms.stamp_ns, places), np.nan)
             columns[place] = np.round(where, 3)  # it is only looked at
     return columns
-
-
-def _acts(view: RunView) -> Bools:
-    """Return for each state whether it is the turn of the controller whose rules are shown."""
-    turns = np.searchsorted([turn.start for turn in view.turns], view.table.t, side="right")
-    names = [view.controller_name, *(turn.controller for turn in view.turns)]
-    acts: Bools = (np.array(names) == view.controller_name)[turns]
-    return acts
 
 
 def _others(view: RunView) -> list[tuple[float, str]]:

@@ -284,10 +284,25 @@ def times_fired(
     return table
 
 
-def places_among(values: Floats, peaks: Sequence[float]) -> Floats:
-    """Return the places of inputs among the peaks: 1.25 is a quarter beyond the second."""
-    low, weights = _located(values, peaks)
-    return np.where(np.isnan(values), np.nan, low + weights)
+def rule_places(view: RunView) -> tuple[Floats, Floats]:
+    """Return the places of all inputs among the peaks in force: 1.25 is a quarter beyond the second.
+
+    NaN where an input is, or where there are other labels than at the start.
+    """
+    assert view.terms is not None
+    stamps, timeline = view.terms.stamp_ns, view.run.timeline(view.controller_name or "")
+    changed = sorted({change.stamp_ns for change in view.run.changes(view.controller_name or "")})
+    places: tuple[Floats, ...] = tuple(np.full(len(stamps), np.nan) for _ in INPUTS)
+    inputs = [view.terms.column(*column) for column in INPUTS]
+    labels = timeline.config.axes
+    for rows in np.split(np.arange(len(stamps)), np.searchsorted(stamps, changed, side="right")):
+        if len(rows):
+            timeline.advance(int(stamps[rows[0]]))
+            if timeline.config.axes == labels:
+                for out, values, peaks in zip(places, inputs, timeline.config.peaks, strict=True):
+                    low, weights = _located(values[rows], peaks)
+                    out[rows] = np.where(np.isnan(values[rows]), np.nan, low + weights)
+    return places[0], places[1]
 
 
 def _located(values: Floats, peaks: Sequence[float]) -> tuple[Integers, Floats]:

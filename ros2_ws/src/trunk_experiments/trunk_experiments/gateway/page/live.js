@@ -59,11 +59,14 @@
 
   at("pause").addEventListener("click", () => view.ask("pause", { on: !known.run.paused }));
   at("reset").addEventListener("click", () => view.ask("reset"));
-  at("stop").addEventListener("click", () => {
-    stopping = true;
-    for (const id of ["stop", "pause", "reset"]) at(id).disabled = true;
+  const stop = (on) => {
+    stopping = on;
+    for (const id of ["stop", "pause", "reset"]) at(id).disabled = on;
     at("mode").textContent = mode();
-    view.ask("stop");
+  };
+  at("stop").addEventListener("click", async () => {
+    stop(true);
+    if (!(await view.ask("stop"))) stop(false);
   });
   const actingAt = (time) => {
     const acting = new Set();
