@@ -14,7 +14,7 @@ from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.report import make_report, write
-from trunk_experiments.views.run_view import RunView
+from trunk_experiments.views.run_view import RunView, rule_places
 from trunk_msgs_util.mechanics import path_height
 
 pytestmark = pytest.mark.browser
@@ -404,6 +404,21 @@ def test_a_swapped_run_lights_the_rules_of_whom_it_is_the_turn(opened, tmp_path)
         """() => [...document.querySelectorAll(".rules [data-lit]")].map((cell) =>
             [cell.parentElement.sectionRowIndex, cell.cellIndex - 1])"""
     ) == [[rule.row, rule.column] for rule in fired if rule.weight > 0.0]
+
+
+def test_rules_fire_by_the_peaks_in_force(tmp_path):
+    """Another range of the error during a run puts the same error elsewhere among the labels."""
+    changes = (Change(1_000_000_000, {"fuzzy.error_range": 3.0}),)
+    plan = make_plan("fig8", "fuzzy_pid", everywhere={"duration": 2.0})
+    record_offline(replace(plan, changes={"fuzzy_pid": changes}), tmp_path / "ranged.mcap")
+    view = RunView.read(RecordedRun.open(tmp_path / "ranged.mcap"))
+    timeline, errors = view.run.timeline("fuzzy_pid"), view.terms.column("position", "error")
+    places = rule_places(view)[0]
+    for row, stamp_ns in enumerate(view.terms.stamp_ns.tolist()):
+        timeline.advance(stamp_ns)
+        peaks = timeline.config.peaks[0]
+        expected = np.interp(errors[row], peaks, np.arange(len(peaks)))
+        assert places[row] == pytest.approx(expected, abs=1e-9), stamp_ns
 
 
 def test_parameters_are_those_at_the_time_shown(opened, tmp_path):
