@@ -2,9 +2,11 @@
 
 No example has a time limit, and no test sets one: how long it takes is the machine's affair.
 
-Of a test marked ``one_in(N)``, one case in N runs each time and the others with scripts/test.sh --all.
+Of the cases marked ``one_in(N)``, a share runs each time: another one in each epoch, all of them in N epochs.
+The epoch is TRUNK_EPOCH, else the number of commits. scripts/test.sh --all runs them all.
 
-What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the last line of scripts/test.sh.
+What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the last line of scripts/test.sh;
+what each test cost goes to the file TRUNK_DURATIONS.
 
 A test that hangs is ended after the `timeout` of pyproject.toml, whose seconds grow longer on a busy machine.
 """
@@ -18,12 +20,13 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 from types import FrameType
 from typing import Any
+from zlib import crc32
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
@@ -118,13 +121,40 @@ def trunk(
     return run
 
 
+def _count_of_commits() -> str:
+    """Return 0 for sources without their history."""
+    command = ["git", "-C", str(Path(__file__).parent), "rev-list", "--count", "HEAD"]
+    with suppress(OSError):
+        return subprocess.run(command, capture_output=True, text=True, check=False).stdout or "0"
+    return "0"
+
+
+os.environ.setdefault("TRUNK_EPOCH", _count_of_commits().strip())  # workers have the same
+USES = pytest.StashKey[dict[tuple[str, int], list[str]]]()  # (test, N): the names of its cases
+
+
+def turn(cases: Iterable[str], test: str, n: int, epoch: int) -> set[str]:
+    """Return the share of some cases of a test that runs in an epoch: each case once in ``n`` of them.
+
+    Cases are shuffled by a hash of their names, so that no share has all cases of one parameter.
+    """
+    shuffled = sorted(cases, key=lambda case: crc32(case.encode()))
+    return set(shuffled[(epoch + crc32(test.encode())) % n :: n])
+
+
+def pytest_report_header() -> str:
+    return (
+        f"TRUNK_EPOCH={os.environ['TRUNK_EPOCH']}: whose turn it is of the tests that run in part"
+    )
+
+
 @pytest.hookimpl(tryfirst=True)  # before those that -m does not choose are left out
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test marked ``one_in(N)``, mark all cases but the first of each N as long.
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark as long those cases of ``one_in(N)`` whose turn it is not.
 
     Raises UsageError for a test of the graph where scripts/test.sh does not look for any.
     """
-    seen: Counter[str] = Counter()
+    uses: dict[tuple[str, int], list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("graph") and not item.path.is_relative_to(_GRAPH_TESTS):
             raise pytest.UsageError(
@@ -132,9 +162,23 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             )
         if mark := item.get_closest_marker("one_in"):
             test = item.nodeid.partition("[")[0]
-            if seen[test] % mark.args[0]:
-                item.add_marker(pytest.mark.long)
-            seen[test] += 1
+            uses.setdefault((test, mark.args[0]), []).append(item)
+    for (test, n), cases in uses.items():
+        names = [case.nodeid for case in cases]
+        in_turn = turn(names, test, n, int(os.environ["TRUNK_EPOCH"]))
+        for case in cases:
+            if case.nodeid not in in_turn:
+                case.add_marker(pytest.mark.long)
+    config.stash[USES] = {use: [case.nodeid for case in cases] for use, cases in uses.items()}
+
+
+_BEGAN = pytest.StashKey[float]()
+_costs: dict[str, tuple[float, float]] = {}
+
+
+def _work_s() -> float:
+    """Return how long the processor has worked for this process and its children that have ended."""
+    return sum(os.times()[:4])
 
 
 def _held_up_s() -> float:
@@ -174,6 +218,32 @@ def pytest_timeout_set_timer(item: pytest.Item, settings: Any) -> Generator[None
     signal.signal(signal.SIGALRM, look)
     signal.setitimer(signal.ITIMER_REAL, step_s, step_s)
     return done
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    item.stash[_BEGAN] = _work_s()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
+    report = yield
+    report.work_s = _work_s() - item.stash[_BEGAN]  # xdist hands on what can be JSON
+    return report
+
+
+def pytest_runtest_logreport(report: Any) -> None:
+    wall_s, _ = _costs.get(report.nodeid, (0.0, 0.0))
+    _costs[report.nodeid] = wall_s + report.duration, report.work_s
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Note what each test cost: the processor's seconds, its processes' too, those of time, its name."""
+    if (file := os.environ.get("TRUNK_DURATIONS")) and not hasattr(session.config, "workerinput"):
+        with Path(file).open("a", encoding="utf-8") as stream:
+            stream.writelines(
+                f"{work:.3f}\t{wall:.3f}\t{n}\n" for n, (wall, work) in _costs.items()
+            )
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # All checks, the same for a person and for CI: scripts/test.sh [--quick | --all | pytest arguments]
-# --all: also the long tests, which others cover more briefly.
+# Some tests run in part: another share after each commit, or with another TRUNK_EPOCH. --all: all at once.
 # --quick, between edits: no processes, no browser, nothing that takes a second or more.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -10,19 +10,21 @@ source scripts/env.sh
 unset PYTHONDONTWRITEBYTECODE
 export PYTHONPYCACHEPREFIX=$PWD/.venv/.bytecode
 
-failed=() costs=()
+failed=()
 stage() { # NAME COMMAND...
     printf '\n── %s\n' "$1"
     (measured "$kept/cost" "${@:2}") || failed+=("$1")
-    [[ $2 == said ]] || costs+=("$(<"$kept/cost") $1")
+    [[ $2 == said ]] || cost "$kept/cost" "$1"
 }
-# Run a command in a shell of its own; write there how many seconds its processes worked, the system's too.
+# Run a command in a shell of its own; write there how many seconds its processes worked, the system's too, and it took.
 measured() { # FILE COMMAND...
-    local code=0
+    local code=0 began=${EPOCHREALTIME/[.,]/}
     "${@:2}" || code=$?
-    awk '{ printf "%6d s ", ($16 + $17) / 100 }' "/proc/$BASHPID/stat" >"$1"
+    awk -v us=$((${EPOCHREALTIME/[.,]/} - began)) '{ printf "%.3f\t%.3f", ($16 + $17) / 100, us / 1e6 }' \
+        "/proc/$BASHPID/stat" >"$1"
     return "$code"
 }
+cost() { printf '%s\t%s\n' "$(<"$1")" "$2" | tee -a "$TRUNK_DURATIONS" >>"$kept/costs"; } # FILE STAGE
 
 # A stage of one process runs beside those that follow it; `settle` waits for it and prints what it said.
 names=() pids=() codes=()
@@ -40,7 +42,7 @@ settle() {
         codes[i]=0
         wait "${pids[i]}" || codes[i]=$?
         stage "${names[i]}" said "$i"
-        costs+=("$(<"$kept/cost of $i") ${names[i]}")
+        cost "$kept/cost of $i" "${names[i]}"
     done
     names=() pids=() codes=()
 }
@@ -56,8 +58,11 @@ labs() {
 }
 
 kept=$(mktemp -d)
-export TRUNK_SKIPPED=$kept/skipped
-: >"$TRUNK_SKIPPED"
+export TRUNK_SKIPPED=$kept/skipped TRUNK_DURATIONS=$PWD/.venv/durations.tsv
+: >"$TRUNK_SKIPPED" >"$TRUNK_DURATIONS"
+# Which share of the tests that run in part (conftest.py).
+TRUNK_EPOCH=${TRUNK_EPOCH:-$(git rev-list --count HEAD 2>/dev/null || echo 0)}
+export TRUNK_EPOCH
 trap 'rm -rf "$kept"' EXIT
 run=(python -m pytest --dist worksteal)
 left=''
@@ -77,7 +82,7 @@ elif (($#)) && [[ $1 != --all ]]; then
     stage pytest python -m pytest "$@"
 else
     some=' and not long'
-    left='; not run: long ones (scripts/test.sh --all)'
+    left='; the rest in their turn (scripts/test.sh --all)'
     [[ ${1:-} != --all ]] || some='' left=''
     # Where one cannot be had, its tests are skipped and say why.
     beside 'a browser, for tests' eval 'bash scripts/browser.sh || true'
@@ -96,14 +101,16 @@ else
     settle
 fi
 
-printf '\nprocessor time:\n'
-printf '%s\n' "${costs[@]}"
+printf '\nprocessor time, time: each stage; the ten dearest folders of tests (every test: .venv/durations.tsv)\n'
+awk -F '\t' '{ printf "%6d s %6d s  %s\n", $1, $2, $3 }' "$kept/costs"
+awk -F '\t' 'sub(/\/[^\/]*::.*/, "", $3) { work[$3] += $1; wall[$3] += $2 }
+    END { for (folder in work) printf "%6d s %6d s  %s\n", work[folder], wall[folder], folder }' "$TRUNK_DURATIONS" | sort -rn | head
 # Each reason once, with the number of all its tests.
 skipped=$(awk '{ count = $1; sub(/^[0-9]+ /, ""); tests[$0] += count }
     END { for (reason in tests) printf "%d (%s)\n", tests[reason], reason }' "$TRUNK_SKIPPED" | sort -k2 | paste -sd';' | sed 's/;/; /g')
 [[ -z $skipped ]] || left="; skipped: $skipped$left"
 if ((${#failed[@]})); then
-    printf '\ntest: FAILED:%s%s\n' "$(printf ' %s,' "${failed[@]}" | sed 's/,$//')" "$left" >&2
+    printf '\ntest: FAILED:%s (TRUNK_EPOCH=%s)%s\n' "$(printf ' %s,' "${failed[@]}" | sed 's/,$//')" "$TRUNK_EPOCH" "$left" >&2
     exit 1
 fi
-printf '\ntest: all passed%s\n' "$left"
+printf '\ntest: all passed (TRUNK_EPOCH=%s)%s\n' "$TRUNK_EPOCH" "$left"

@@ -41,7 +41,7 @@ def test_the_model_of_computed_torque_is_the_plant():
 
 
 @pytest.mark.parametrize(
-    "controller", ["pid", pytest.param("fuzzy_pid", marks=pytest.mark.long), "lqr"]
+    "controller", ["pid", pytest.param("fuzzy_pid", marks=pytest.mark.one_in(8)), "lqr"]
 )
 def test_every_controller_walks_upright(controller):
     outcome = Batch().run(make_plan("fig6", controller, FILES)) if controller != "lqr" else None

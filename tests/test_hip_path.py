@@ -122,7 +122,7 @@ def test_the_library_takes_a_path(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_floquet_multipliers_are_those_of_the_same_path_as_a_sine():
     settings = ["simulator.hip.mode=prescribed", "simulator.path.wavenumber=9"]
     sine = walk("pid", *settings, "simulator.path.cosines=[]", "simulator.path.sines=[0.05]")

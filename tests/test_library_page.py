@@ -122,7 +122,7 @@ plan.scenario = "fig7"
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_a_strict_type_checker_sees_the_types_of_a_users_script(tmp_path):
     """With nothing but what `source scripts/env.sh` sets: the packages bring their types (py.typed)."""
     script = tmp_path / "script.py"

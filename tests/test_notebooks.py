@@ -32,7 +32,7 @@ def test_a_notebook_is_kept_without_outputs(name):
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.one_in(8)
 @pytest.mark.parametrize(("name", "expected"), NOTEBOOKS.items(), ids=NOTEBOOKS)
 def test_a_notebook_runs_and_draws(name, expected, tmp_path, monkeypatch):
     nbformat = pytest.importorskip("nbformat", reason="requirements/notebook.txt")

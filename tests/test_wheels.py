@@ -135,7 +135,7 @@ def test_the_wheels_hold_all_data_of_the_packages(wheels):
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_the_wheels_alone_simulate_and_verify(trunk):
     assert trunk("--version").stdout == f"trunk {project_version()}\n"
     made = trunk("simulate", "fig6", "--controller", "fuzzy_pid", "-o", "run.mcap")

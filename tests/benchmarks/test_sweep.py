@@ -78,7 +78,7 @@ def test_rows(monkeypatch, short_runs):
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_rows_of_lanes(short_runs):
     rows = lanes.compare(rounds=1)
     assert [row.goal for row in rows] == [*[">= 3"] * 5, "", "<= 1.15", "<= 1.3", ">= 1.9"]

@@ -84,7 +84,9 @@ def ends(children: Children, child: Child, code: int, *texts: str) -> None:
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize("mode", ["real time", pytest.param("lock-step", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "mode", ["real time", pytest.param("lock-step", marks=pytest.mark.one_in(8))]
+)
 def test_disk_fills_up_during_a_run(children: Children, peer: Peer, disk: Disk, mode: str) -> None:
     file = disk.folder / "run" / "run.mcap"
     run = start(children, peer, file.parent, *MODES[mode])
@@ -125,7 +127,7 @@ def test_folder_below_a_file(children: Children, tmp_path: Path) -> None:
 
 
 @pytest.mark.graph
-@pytest.mark.long  # noticed as a truncated file is
+@pytest.mark.one_in(8)  # noticed as a truncated file is
 def test_folder_is_deleted_during_a_run(children: Children, peer: Peer, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     run = start(children, peer, folder)
@@ -150,7 +152,7 @@ HARMS = {
 @pytest.mark.graph
 @pytest.mark.parametrize(
     "harm",
-    [pytest.param(replaced, marks=pytest.mark.long), truncated],
+    [pytest.param(replaced, marks=pytest.mark.one_in(8)), truncated],
     ids=lambda harm: harm.__name__,
 )
 def test_recording_is_changed_during_a_run(

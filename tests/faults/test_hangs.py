@@ -51,7 +51,7 @@ HANGS = {
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.long] * ("runner" not in name)) for name in HANGS],
+    [pytest.param(name, marks=[pytest.mark.one_in(8)] * ("runner" not in name)) for name in HANGS],
 )
 def test_the_run_ends_and_names_the_process(
     children: Children, peer: Peer, tmp_path: Path, name: str
@@ -89,7 +89,7 @@ def test_ctrl_c_comes_before_a_runner_that_hung_knows_of_the_start(
     assert Recording.open(tmp_path / "run" / "run.mcap").complete
 
 
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_recorder_hangs_at_the_end(children: Children, tmp_path: Path) -> None:
     run = children.trunk("run", "demo", "--duration", 2, "--output", "run")
     recorder = children.pid_of("recorder")

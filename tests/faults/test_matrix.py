@@ -1,7 +1,6 @@
 """Each process of a run x each signal x each phase x both modes: what happens is what the table says.
 
-Every sixth cell of a selection runs each time, the others with ``--all``; TRUNK_FAULTS=all
-(TRUNK_FAULTS=all python -m pytest tests/faults) runs every cell.
+A sixth of a selection runs each time; TRUNK_FAULTS=all python -m pytest tests/faults runs every cell.
 """
 
 from __future__ import annotations
@@ -123,14 +122,10 @@ def logs(folder: Path) -> str:
 
 
 @pytest.mark.graph
+@pytest.mark.one_in(6)
 @pytest.mark.parametrize(
     "cell",
-    CELLS
-    if os.environ.get("TRUNK_FAULTS") == "all"
-    else [
-        pytest.param(cell, marks=[pytest.mark.long] * (i % 6 != 4))
-        for i, cell in enumerate(matrix.selection())
-    ],
+    CELLS if os.environ.get("TRUNK_FAULTS") == "all" else matrix.selection(),
     ids=str,
 )
 def test_cell(

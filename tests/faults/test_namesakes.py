@@ -40,7 +40,7 @@ def test_second_node_of_a_name_is_refused(
     assert other.stop() == 0
 
 
-@pytest.mark.parametrize("verb", ["run", pytest.param("live", marks=pytest.mark.long)])
+@pytest.mark.parametrize("verb", ["run", pytest.param("live", marks=pytest.mark.one_in(8))])
 def test_a_second_run_is_refused_before_it_starts_anything(
     children: Children, peer: Peer, tmp_path: Path, verb: str
 ) -> None:
@@ -163,7 +163,7 @@ def test_in_a_namespace_of_its_own_a_node_is_another_one(children: Children, pee
     assert [node.stop() for node in nodes] == [0, 0]
 
 
-@pytest.mark.parametrize("when", [pytest.param("before", marks=pytest.mark.long), "during"])
+@pytest.mark.parametrize("when", [pytest.param("before", marks=pytest.mark.one_in(8)), "during"])
 def test_second_controller_is_refused(
     children: Children, peer: Peer, tmp_path: Path, when: str
 ) -> None:

@@ -1,4 +1,4 @@
-"""Runs give the messages and the verdicts that were frozen: a sample each time, all of them with --all."""
+"""Runs give the messages and the verdicts that were frozen: a share each time, all of them with --all."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_offline_runs_are_as_they_were(names: list[str], tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.one_in(8)
 @pytest.mark.parametrize("name", LONG)
 def test_compiled_runs_are_as_they_were(name: str, tmp_path: Path) -> None:
     assert changed_since_frozen([name], tmp_path) == []

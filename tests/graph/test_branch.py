@@ -44,7 +44,9 @@ def made(path: Path, branch: Branch, out: Path) -> RunDiff:
     return diff(run, found)
 
 
-@pytest.mark.parametrize("mode", [pytest.param("lock-step", marks=pytest.mark.long), "real time"])
+@pytest.mark.parametrize(
+    "mode", [pytest.param("lock-step", marks=pytest.mark.one_in(8)), "real time"]
+)
 def test_a_run_of_the_real_nodes_is_branched(children: Children, tmp_path: Path, mode: str) -> None:
     more = ["--lockstep"] if mode == "lock-step" else []
     run = children.trunk(
@@ -63,7 +65,7 @@ def test_a_run_of_the_real_nodes_is_branched(children: Children, tmp_path: Path,
 
 
 @pytest.mark.usefixtures("patient")
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_an_eventful_run_is_branched_at_any_time(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:

@@ -49,7 +49,7 @@ ONE_OF_EACH = tuple({check: fault for fault, check in FAULTS.items()}.values())
     "played",
     [
         (*ONE_OF_EACH, "none"),
-        pytest.param({*FAULTS, *SOUND} - {*ONE_OF_EACH, "none"}, marks=pytest.mark.long),
+        pytest.param({*FAULTS, *SOUND} - {*ONE_OF_EACH, "none"}, marks=pytest.mark.one_in(8)),
     ],
     ids=["one of each", "others"],
 )

@@ -83,7 +83,7 @@ def test_the_demo_script_ends_with_a_verdict_a_page_and_what_to_try_next(
     assert "LATE" not in run.stdout + run.stderr
 
 
-@pytest.mark.long
+@pytest.mark.one_in(8)
 @pytest.mark.parametrize("name", ["a drive", "more links"])
 def test_a_run_in_real_time_verifies(children: Children, tmp_path: Path, name: str) -> None:
     """With real drives, sensors and links."""

@@ -107,11 +107,11 @@ def test_an_example_in_lockstep_has_the_bits_of_the_same_law(
         ("wall", "STAMPS", "commands with a clock's stamp: they act when they arrive", True),
         pytest.param(
             *("zero", "STAMPS", "commands without a stamp: they act when they arrive", True),
-            marks=pytest.mark.long,
+            marks=pytest.mark.one_in(8),
         ),
         ("hip", "REFUSED", "commands without the joint: their names are ['hip']", False),
         ("best_effort", "", "", True),
-        pytest.param("copies_the_header", "", "", True, marks=pytest.mark.long),
+        pytest.param("copies_the_header", "", "", True, marks=pytest.mark.one_in(8)),
     ],
 )
 def test_in_real_time_each_habit_is_named(

@@ -45,13 +45,15 @@ def recorded(recorder: Child, folder: Path) -> Recording:
     "profiles",
     [
         [DEFAULT],
-        pytest.param([qos_profile_sensor_data], marks=pytest.mark.long),
-        pytest.param([DEFAULT, qos.evidence(), qos_profile_sensor_data], marks=pytest.mark.long),
+        pytest.param([qos_profile_sensor_data], marks=pytest.mark.one_in(8)),
+        pytest.param(
+            [DEFAULT, qos.evidence(), qos_profile_sensor_data], marks=pytest.mark.one_in(8)
+        ),
     ],
     ids=["default", "best effort", "all three"],
 )
 @pytest.mark.parametrize(
-    "equal", [pytest.param(False, marks=pytest.mark.long), True], ids=["", "equal"]
+    "equal", [pytest.param(False, marks=pytest.mark.one_in(8)), True], ids=["", "equal"]
 )
 def test_every_message_is_recorded_once(
     children: Children, peer: Peer, tmp_path: Path, profiles: list[QoSProfile], equal: bool
@@ -88,7 +90,7 @@ def test_every_message_is_recorded_once(
     # Deep: a recorder that is held up still gets all of them.
     [
         QoSProfile(depth=qos.EVIDENCE_DEPTH),
-        pytest.param(qos.evidence(), marks=pytest.mark.long),
+        pytest.param(qos.evidence(), marks=pytest.mark.one_in(8)),
     ],
     ids=["volatile", "latched"],
 )
@@ -175,8 +177,8 @@ def test_a_controller_of_ten_lines_is_recorded_in_lockstep(
     ("topic", "mode", "spoils"),
     [
         (topics.own_reference("pid"), (), False),
-        pytest.param(topics.EFFORT_COMMAND, (), False, marks=pytest.mark.long),
-        pytest.param(topics.REFERENCE, (LOCKSTEP,), False, marks=pytest.mark.long),
+        pytest.param(topics.EFFORT_COMMAND, (), False, marks=pytest.mark.one_in(8)),
+        pytest.param(topics.REFERENCE, (LOCKSTEP,), False, marks=pytest.mark.one_in(8)),
         (topics.EFFORT_COMMAND, (LOCKSTEP,), True),
     ],
 )

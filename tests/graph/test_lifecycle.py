@@ -28,7 +28,7 @@ UNCONFIGURED, INACTIVE, ACTIVE = "unconfigured", "inactive", "active"
     [
         "simulator",
         "disturbance",
-        pytest.param("pid", marks=pytest.mark.long),
+        pytest.param("pid", marks=pytest.mark.one_in(8)),
         "fuzzy_pid",
         "recorder",
     ],

@@ -40,7 +40,10 @@ BUSY = "while True: pass"
     "name",
     [
         *("a gait", "files and random pulses", "a drive", "more links"),
-        *(pytest.param(name, marks=pytest.mark.long) for name in ("fuzzy", "swaps", "disturbed")),
+        *(
+            pytest.param(name, marks=pytest.mark.one_in(8))
+            for name in ("fuzzy", "swaps", "disturbed")
+        ),
     ],
 )
 def test_composed_nodes_have_the_bits_of_the_offline_run(
@@ -58,8 +61,8 @@ def test_composed_nodes_have_the_bits_of_the_offline_run(
     ("name", "seed"),
     [
         ("a slow controller", 3),
-        pytest.param("fuzzy", 1, marks=pytest.mark.long),
-        pytest.param("more links", 2, marks=pytest.mark.long),
+        pytest.param("fuzzy", 1, marks=pytest.mark.one_in(8)),
+        pytest.param("more links", 2, marks=pytest.mark.one_in(8)),
     ],
 )
 def test_processes_started_in_any_order_beside_a_busy_one_have_them_too(

@@ -109,7 +109,7 @@ LOCKSTEP = ("--lockstep", "--set", "simulator.lockstep.speed=0.2")
 
 @pytest.mark.parametrize(
     "mode",
-    [pytest.param((), marks=pytest.mark.long), LOCKSTEP],
+    [pytest.param((), marks=pytest.mark.one_in(8)), LOCKSTEP],
     ids=["real time", "lock-step"],
 )
 def test_a_push_moves_the_trunk_and_is_recomputed_and_repeated(

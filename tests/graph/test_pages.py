@@ -112,7 +112,7 @@ def test_a_node_of_ones_own(children: Children) -> None:
     assert "NOT RANKED" not in text
 
 
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_a_controller_of_ones_own(children: Children, peer: Peer, tmp_path: Path) -> None:
     name = "my_controller"
     assert name not in CONTROLLERS

@@ -20,8 +20,8 @@ pytestmark = pytest.mark.graph
 @pytest.mark.parametrize(
     "mode",
     [
-        pytest.param((), marks=pytest.mark.long),
-        pytest.param(("--lockstep",), marks=pytest.mark.long),
+        pytest.param((), marks=pytest.mark.one_in(8)),
+        pytest.param(("--lockstep",), marks=pytest.mark.one_in(8)),
         ("--lockstep", "--composed"),
     ],
     ids=" ".join,

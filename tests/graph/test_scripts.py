@@ -42,7 +42,7 @@ def test_bad_arguments_lose_nothing_and_get_one_line(children: Children) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_a_quarter_of_a_minute(children: Children) -> None:
     """At 1 kHz, so that a publisher already keeps its 5000 messages when its memory is first measured."""
     # On a busy machine a recorder may be up to 5000 messages of each topic behind, half a minute or an
@@ -71,7 +71,7 @@ def test_an_impossible_run_fails_in_one_line(children: Children) -> None:
 # python -m tests.honest.check: it judges runs, and sees what is missing.
 
 
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_two_runs(children: Children) -> None:
     check = module(children, "tests.honest.check", 2, "--workers", 2, "--busy", 1)
     assert check.wait() == 0, check.stdout + check.stderr
@@ -79,7 +79,7 @@ def test_two_runs(children: Children) -> None:
     assert re.fullmatch(r"2 honest runs: .* 0 diverge, 0 falsely complete", last), last
 
 
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_it_ends_what_it_started(children: Children) -> None:
     check = module(children, "tests.honest.check", 50)
     until(lambda: len(children.pids()) > 8, "it starts processes, they start nodes")
@@ -122,7 +122,7 @@ SHORT = ("--rate", 100, "--seconds", 0.5, "--rounds", 1)
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_every_row(children: Children) -> None:
     child = module(children, "benchmarks", "realtime", *SHORT, "--json")
     assert child.wait() in (0, 1), child.stderr  # 1: a goal was missed, on a busy machine
@@ -138,7 +138,7 @@ def test_every_row(children: Children) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_a_wrong_rate_is_refused_by_name(children: Children) -> None:
     child = module(children, "benchmarks", "realtime", "--rate", 0)
     assert child.wait() == 2
@@ -146,7 +146,7 @@ def test_a_wrong_rate_is_refused_by_name(children: Children) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_a_node_of_somebody_elses_beside_ours(children: Children) -> None:
     child = module(children, "benchmarks", "external", f"{sys.executable} {PD}", *SHORT)
     assert child.wait() == 0, child.stderr

@@ -34,7 +34,7 @@ def stop(number: int, *children: Child, code: int = 0) -> None:
 
 @pytest.mark.parametrize(
     "number",
-    [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)],
+    [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.one_in(8))],
     ids=lambda number: number.name,
 )
 def test_idle_node(children: Children, peer: Peer, tmp_path: Path, number: int) -> None:

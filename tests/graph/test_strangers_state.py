@@ -31,7 +31,7 @@ AGAIN = r"(\d+) messages for \d+ states: another node publishes there too"
     ("topic", "sample", "mode", "says"),
     [
         pytest.param(  # from there on stamps go back
-            *(topics.GROUND_TRUTH, FUTURE, (), "it holds 2 runs"), marks=pytest.mark.long
+            *(topics.GROUND_TRUTH, FUTURE, (), "it holds 2 runs"), marks=pytest.mark.one_in(8)
         ),
         (topics.JOINT_STATES, FUTURE, (), AGAIN),
         # Nobody uses a push: in lock-step it cannot be told from others, in real time it names no source.

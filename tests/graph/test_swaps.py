@@ -147,7 +147,7 @@ def run_swapped(children: Children, *arguments: object) -> Child:
 
 @pytest.mark.parametrize(
     "composed",
-    [False, pytest.param(True, marks=pytest.mark.long)],
+    [False, pytest.param(True, marks=pytest.mark.one_in(8))],
     ids=["processes", "composed"],
 )
 def test_a_swap_in_lockstep_has_the_offline_bits(
@@ -189,7 +189,7 @@ def test_a_swap_in_lockstep_has_the_offline_bits(
             assert told(node, last_ns, count).contradictions, (node, count)
 
 
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_a_swap_in_real_time(children: Children, tmp_path: Path) -> None:
     run = run_swapped(children)
     assert run.wait() == 0, run.stderr
@@ -234,7 +234,7 @@ def test_two_runs_with_the_same_others(children: Children, peer: Peer) -> None:
 
 
 @pytest.mark.usefixtures("patient")
-@pytest.mark.parametrize("second", [pytest.param("pid", marks=pytest.mark.long), "fuzzy_pid"])
+@pytest.mark.parametrize("second", [pytest.param("pid", marks=pytest.mark.one_in(8)), "fuzzy_pid"])
 def test_a_controller_that_takes_the_place_of_one_that_ended(
     children: Children, peer: Peer, tmp_path: Path, second: str
 ) -> None:

@@ -50,7 +50,9 @@ CASES = {
 
 @pytest.fixture(
     scope="module",
-    params=[pytest.param(name, marks=() if name == "fig8" else pytest.mark.long) for name in CASES],
+    params=[
+        pytest.param(name, marks=() if name == "fig8" else pytest.mark.one_in(8)) for name in CASES
+    ],
 )
 def case(request):
     plans = plans_of(request.param, CASES[request.param])

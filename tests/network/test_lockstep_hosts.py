@@ -76,7 +76,7 @@ def test_without_multicast_by_a_discovery_server(
 
 
 # Rarely client and server of Fast DDS 2.14 wait for each other for ever (docs/hosts.md).
-@pytest.mark.long
+@pytest.mark.one_in(8)
 @pytest.mark.skipif(shutil.which("iptables") is None, reason="no iptables, which loses packets")
 @pytest.mark.parametrize("far", ["fuzzy_pid", "recorder", "disturbance", "simulator"])
 def test_it_begins_after_a_bad_start_through_a_discovery_server(
@@ -103,7 +103,7 @@ def test_it_begins_after_a_bad_start_through_a_discovery_server(
     assert_same_bits(plan, run.recording(), tmp_path)
 
 
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_short_cut_changes_no_bit(
     hosts: tuple[Host, Host], listener: Listener, tmp_path: Path
 ) -> None:
@@ -131,7 +131,7 @@ def test_short_cut_changes_no_bit(
     assert_same_bits(plan, run.recording(), tmp_path)
 
 
-@pytest.mark.long
+@pytest.mark.one_in(8)
 @pytest.mark.parametrize(
     ("far", "answers", "recorded_reason"),
     [

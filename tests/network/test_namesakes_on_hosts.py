@@ -16,7 +16,9 @@ pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 
 @pytest.mark.parametrize(
-    "lockstep", [True, pytest.param(False, marks=pytest.mark.long)], ids=["lock-step", "real time"]
+    "lockstep",
+    [True, pytest.param(False, marks=pytest.mark.one_in(8))],
+    ids=["lock-step", "real time"],
 )
 def test_the_older_nodes_go_on(
     hosts: tuple[Host, Host], listener: Listener, tmp_path: Path, lockstep: bool

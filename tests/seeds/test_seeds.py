@@ -39,13 +39,10 @@ def test_whatever_happens_the_invariants_hold(first: int) -> None:
     assert done.stdout.startswith("20 seeds, 0 failed")
 
 
-@pytest.mark.one_in(3)
-@pytest.mark.parametrize("part", range(3))
-def test_seeds_that_once_failed_pass_now(part: int) -> None:
-    chosen = FOUND[part::3]
-    done = seeds(1, *(f"--seed={seed}" for seed in chosen))
+def test_seeds_that_once_failed_pass_now() -> None:
+    done = seeds(1, *(f"--seed={seed}" for seed in FOUND))
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.startswith(f"{len(chosen)} seeds, 0 failed")
+    assert done.stdout.startswith(f"{len(FOUND)} seeds, 0 failed")
 
 
 def test_what_is_told_step_by_step_is_whole_and_verified() -> None:

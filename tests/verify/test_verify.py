@@ -164,7 +164,7 @@ def test_a_message_dropped_swapped_or_doubled_is_never_verified(whole, tmp_path,
     [
         TRUTH,
         STATE,
-        *(pytest.param(topic, marks=pytest.mark.long) for topic in (COMMAND, DISTURBANCE)),
+        *(pytest.param(topic, marks=pytest.mark.one_in(8)) for topic in (COMMAND, DISTURBANCE)),
     ],
 )
 def test_one_stamp_in_the_far_future_costs_no_more_than_any_other(whole, tmp_path, topic):

@@ -80,7 +80,7 @@ def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.one_in(8)
 def test_the_same_loop_runs_in_cpython(batch):
     plan = make_plan("fig8", "pid", everywhere={"duration": 0.05}, swaps=[Swap(0.02, "lqr")])
     expected = batch.run(plan).table

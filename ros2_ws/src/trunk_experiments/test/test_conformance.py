@@ -65,7 +65,7 @@ def test_what_numba_refuses_is_noted(command_says, monkeypatch):
             check,
             id=f"{name}-{check.name}",
             # Compiling takes ten seconds for each law.
-            marks=pytest.mark.long if (check.name, name) in COMPILED_LONG else (),
+            marks=pytest.mark.one_in(8) if (check.name, name) in COMPILED_LONG else (),
         )
         for name, check in product(CONTROLLERS, CHECKS)
     ],

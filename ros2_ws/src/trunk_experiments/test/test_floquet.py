@@ -68,7 +68,7 @@ LONG = (
 @pytest.mark.parametrize(
     ("controller", "settings"),
     [
-        pytest.param(*case, id=name, marks=[pytest.mark.long] * (name in LONG))
+        pytest.param(*case, id=name, marks=[pytest.mark.one_in(8)] * (name in LONG))
         for name, case in CASES.items()
     ],
 )

@@ -202,7 +202,9 @@ def test_the_file_is_loaded_by_a_run(controller, arguments, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("controller", ["pid", pytest.param("fuzzy_pid", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "controller", ["pid", pytest.param("fuzzy_pid", marks=pytest.mark.one_in(8))]
+)
 def test_a_search_is_reproducible_and_no_worse_than_its_start(controller, tmp_path):
     texts = []
     for name in ("a.yaml", "b.yaml"):

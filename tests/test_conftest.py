@@ -1,10 +1,10 @@
-"""What hangs is given up soon, and what a busy machine holds up later: the limit of time of all tests."""
+"""The limit of time of all tests, on a busy machine too; whose turn it is of the tests that run in part."""
 
 from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
-from itertools import count, takewhile
+from itertools import chain, count, takewhile
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -51,3 +51,12 @@ def test_where_linux_tells_nothing_load_is_taken_for_granted(
     monkeypatch.setattr(Path, "glob", lambda folder, pattern: iter(()))
     monkeypatch.setattr(conftest, "monotonic", lambda: 7.0)
     assert conftest._held_up_s() == 7.0
+
+
+def test_each_case_has_its_turn_once_in_n_epochs(
+    conftest: Any, pytestconfig: pytest.Config
+) -> None:
+    for (test, n), cases in pytestconfig.stash[conftest.USES].items():
+        shares = [conftest.turn(cases, test, n, epoch) for epoch in range(1500, 1500 + n)]
+        assert sorted(chain.from_iterable(shares)) == sorted(cases), test
+        assert {len(share) for share in shares} <= {len(cases) // n, -(-len(cases) // n)}, test
