@@ -188,13 +188,14 @@ def test_the_machine_code_is_of_all_that_its_sources_import(tmp_path, monkeypatc
 
     def fingerprint() -> str:
         compiled._contents.cache_clear()
+        compiled._meaning.cache_clear()
         return compiled.fingerprint(update)
 
     before = fingerprint()
-    (package / "law/unused.py").write_text("# other\n")
+    (package / "law/unused.py").write_text("OTHER = 1\n")
     assert fingerprint() == before
     if path is not None:
-        (package / path).write_text("# other\n")
+        (package / path).write_text("OTHER = 1\n")
         assert fingerprint() != before
     for name in [name for name in sys.modules if name.startswith("law_of_mine")]:
         del sys.modules[name]
@@ -205,9 +206,9 @@ def test_the_machine_code_is_of_all_that_its_sources_import(tmp_path, monkeypatc
 def test_the_machine_code_of_a_run_is_of_all_that_its_loop_imports(monkeypatch, name):
     loop = compiled_run.loop_of(law_named("pid"))
     before = compiled.fingerprint(loop)
-    contents = compiled._contents.__wrapped__
+    meaning = compiled._meaning
     monkeypatch.setattr(
-        compiled, "_contents", lambda path: contents(path) + b"#" * path.endswith(f"/{name}.py")
+        compiled, "_meaning", lambda path: meaning(path) + b"#" * path.endswith(f"/{name}.py")
     )
     assert compiled.fingerprint(loop) != before
 

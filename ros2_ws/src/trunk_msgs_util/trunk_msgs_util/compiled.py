@@ -118,12 +118,13 @@ def twin(function: Function) -> Function:
 def compiled(function: Function) -> Function:
     """Return a function's compiled twin; it is compiled on the first call, or loaded from disk.
 
-    The machine code is kept in `cache_folder`, under a fingerprint of all its sources:
-    numba's own cache checks the age of one source file only. Code not used for 90 days is
+    The machine code is kept in `cache_folder`, under a fingerprint of what all its sources say:
+    numba's own cache checks the age of one source file, and its place. Code not used for 90 days is
     deleted when other sources are compiled. If no folder is writable, the disk is full or what was kept
     is damaged, nothing is kept. Raises ImportError without numba.
     """
     import numba
+    from numba.core.caching import IndexDataCacheFile
     from numba.extending import register_jitable
 
     _prefer_wide_vectors(numba.config)
@@ -139,6 +140,14 @@ def compiled(function: Function) -> Function:
         is_new = not kept.exists()
         config.CACHE_DIR = str(kept)
         twin: Function = numba.njit(function, cache=True, **_OPTIONS)
+        name = f"{function.__module__}.{function.__qualname__}".replace("<", "").replace(">", "")
+        cache: Any = twin._cache  # type: ignore[attr-defined]
+        cache._cache_file = IndexDataCacheFile(str(kept), name, "")
+        cache._index_key = lambda given, codegen: (
+            given,
+            codegen.magic_tuple(),
+            _closed_over(function),
+        )
         os.utime(kept)
         _compile_alone(twin, kept / "lock")
         if is_new:
@@ -199,7 +208,7 @@ def _reason_of(error: Exception) -> str:
 
 
 def fingerprint(*functions: Callable[..., Any]) -> str:
-    """Return a hash of the functions' files, of all that these import, and of the compiler's version."""
+    """Return a hash of the meaning of functions' files, of all that these import, and numba's version."""
     from importlib.metadata import version
 
     callees = {callee for function in functions for callee in call_graph(function)}
@@ -210,7 +219,48 @@ def fingerprint(*functions: Callable[..., Any]) -> str:
         files |= waiting
         waiting = set().union(*(_imported(file, packages) for file in waiting)) - files
     versions = f"{version('numba')} {version('llvmlite')}".encode()
-    return hashlib.sha256(b"".join((versions, *sorted(map(_contents, files))))).hexdigest()[:16]
+    return hashlib.sha256(b"".join((versions, *sorted(map(_meaning, files))))).hexdigest()[:16]
+
+
+@cache
+def _meaning(path: str) -> bytes:
+    """Return what a file says to Python: no comments, docstrings, assertions and numbers of lines."""
+    try:
+        return repr(_words_of(compile(_contents(path), "", "exec", optimize=2))).encode()
+    except SyntaxError:  # in a file that nobody has loaded
+        return _contents(path)
+
+
+def _words_of(value: object) -> object:
+    """Return code, also within constants, as values whose text is the same in each process."""
+    if isinstance(value, CodeType):
+        names = (
+            value.co_name,
+            value.co_names,
+            value.co_varnames,
+            value.co_freevars,
+            value.co_cellvars,
+        )
+        counts = (
+            value.co_argcount,
+            value.co_posonlyargcount,
+            value.co_kwonlyargcount,
+            value.co_flags,
+        )
+        return names, counts, value.co_code, [_words_of(constant) for constant in value.co_consts]
+    if isinstance(value, frozenset):
+        return sorted(map(repr, value))
+    return [_words_of(one) for one in value] if isinstance(value, tuple) else value
+
+
+def _closed_over(value: object) -> object:
+    """Return which function a factory has made: its name, its defaults and what it closes over, likewise."""
+    if not isinstance(value, FunctionType):
+        from numba.core.serialize import dumps
+
+        return dumps(value)
+    parts = (*(value.__defaults__ or ()), *(cell.cell_contents for cell in value.__closure__ or ()))
+    return value.__module__, value.__qualname__, tuple(map(_closed_over, parts))
 
 
 def cache_folder() -> Path:
