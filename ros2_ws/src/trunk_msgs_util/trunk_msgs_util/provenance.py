@@ -8,14 +8,17 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 # How numbers are computed: sums, products, quotients and roots of IEEE 754 doubles, and the functions of
 # `elementary` and `noise`. Any change of a bit needs a new name.
 ARITHMETIC = "portable-1"
 
-# What a recording of ours holds, and how; files of another format are not read.
+# What a recording of ours holds, and how; files of another format are not read. It moves when what is on
+# record changes its meaning. A fact that is added leaves it: readers ask for none that a file does not have.
 FORMAT = "2"
 
 UNKNOWN = "unknown"
@@ -23,6 +26,7 @@ NONE = "none"
 _PATIENCE_S = 5.0  # for git
 
 _PROJECT = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
+_OWN = "trunk_experiments"
 _LAWS = "trunk.controllers"  # entry points
 PACKAGE = "package "  # what the names of other packages begin with
 _LIBRARIES = ("numpy", "numba", "mcap", "rosbags")
@@ -53,6 +57,24 @@ def gather(**known: str) -> dict[str, str]:
         **packages_of_laws(),
     }
     return {**origin, **known}
+
+
+def another_version(recorded: Mapping[str, str]) -> str:
+    """Return which version recorded and which judges, in a line; empty if it is the same, or not known."""
+    there, here = _version_in(recorded), _here()
+    if there == here or UNKNOWN in (*there, *here):
+        return ""
+    recorder, judge = (f"version {v:.20} (commit {commit:.12})" for v, commit in (there, here))
+    return f"recorded by {recorder}, judged by {judge}"
+
+
+def _version_in(facts: Mapping[str, str]) -> tuple[str, str]:
+    return facts.get(_OWN, UNKNOWN), facts.get("commit", UNKNOWN).removesuffix("+dirty")
+
+
+@cache
+def _here() -> tuple[str, str]:
+    return _version_in({_OWN: _version(_OWN), "commit": _commit()})
 
 
 def unrepeatable(arithmetic: str) -> str:

@@ -9,8 +9,13 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.provenance import PACKAGE, packages_of_laws, unrepeatable
+from trunk_msgs_util.parameters.declarations import ParameterError, declarations
+from trunk_msgs_util.provenance import (
+    PACKAGE,
+    another_version,
+    packages_of_laws,
+    unrepeatable,
+)
 from trunk_msgs_util.recording.digests import DIGESTS, END, PROVENANCE
 from trunk_msgs_util.recording.joint_table import Integers
 from trunk_msgs_util.recording.reader import Recording, RecordingError
@@ -58,6 +63,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
     verdict.obstacles += [*recording.seen_otherwise, *_ambiguous(recording)]
     verdict.altered = recording.alterations()
     verdict.notes += [run.branch.describe()] if run.branch else []
+    verdict.notes += filter(None, [another_version(recording.provenance)])
     verdict.notes += _other_packages(run)
     if uncovered := recording.undigested():
         verdict.obstacles.append(f"no digests of {', '.join(uncovered)}: an edit would not show")
@@ -141,6 +147,19 @@ def _other_packages(run: RecordedRun) -> list[str]:
     ]
 
 
+def _other_parameters(run: RecordedRun) -> Iterator[str]:
+    """Yield parameters on record that no node has, or the other way round, as in another version."""
+    for change in run.recording.parameter_messages():
+        node = run.recording.relative(change.node)
+        if node not in NODES or node == "recorder":
+            continue
+        declared = set(declarations(NODES[node].config))
+        if unknown := {*change.new, *change.changed} - declared:
+            yield f"run/parameters: {node} has no parameters {', '.join(sorted(unknown))}"
+        if change.new and (missing := declared - set(change.new)):
+            yield f"run/parameters: the set of {node} lacks {', '.join(sorted(missing))}"
+
+
 def _judge(run: RecordedRun, verdict: Verdict) -> None:
     """Run the plant and its controllers again, and compare."""
     complete = (run.recording.end or {}).get("complete") == "true"
@@ -193,8 +212,15 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         if not complete:
             check.excuse("messages are missing")
         verdict.checks.append(check)
+    others = list(_other_parameters(run))
+    verdict.obstacles += others
+    for check in verdict.checks if others else ():
+        check.excuse(others[0])
     if complete and not rivals:
-        verdict.contradictions += contradictions(run, rerun)
+        # What a recorder writes is known of this version's alone.
+        known = not another_version(run.recording.provenance)
+        found = verdict.contradictions if known else verdict.obstacles
+        found += contradictions(run, rerun)
     verdict.obstacles += _failures(run)
     verdict.obstacles += [] if complete else _recorder_was_inactive(run)
     verdict.obstacles += _missing(run, rerun)

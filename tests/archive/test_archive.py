@@ -1,0 +1,76 @@
+"""Honest recordings of earlier versions, each named after the commit that made it: none is ever accused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+
+from trunk_experiments.replay.verify import UNJUDGED, verify
+from trunk_msgs_util import provenance
+from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
+
+ARCHIVE = {path.stem: path for path in Path(__file__).parent.glob("*.mcap")}
+VERDICTS = {
+    "70f945cc_external": "verified",
+    "70f945cc_lock": "verified",
+    "d192e8e1_branch": "verified",
+    "d192e8e1_offline": "verified",
+    "d192e8e1_restarted": "verified",  # its second process gave no command
+    "d192e8e1_rt": "verified",
+}
+
+
+def test_every_recording_has_its_verdict():
+    assert ARCHIVE.keys() == VERDICTS.keys()
+
+
+@pytest.mark.parametrize("name", VERDICTS)
+def test_it_ends_as_it_did(name, trunk, monkeypatch):
+    monkeypatch.setattr(provenance, "_here", lambda: ("9.9", "abc"))
+    code, out, err = trunk("verify", ARCHIVE[name])
+    assert out.startswith(f"{ARCHIVE[name]}: {VERDICTS[name]}\n")
+    assert (code, err) == (0, "")
+    commit = f"(commit {name.partition('_')[0]}"
+    assert f"note: recorded by version 0.1.0 {commit}" in out
+    assert "judged by version 9.9 (commit abc)\n" in out
+
+
+def test_what_another_version_wrote_otherwise_accuses_nobody(tmp_path):
+    """As this version's own, the same file contradicts itself."""
+
+    def edit(messages):
+        messages[:] = [message for message in messages if b"\0started\0" not in message[2]]
+
+    verdict = verify(copied(ARCHIVE["d192e8e1_rt"], tmp_path / "run.mcap", edit, ANEW))
+    assert (verdict.exit_code, verdict.contradictions) == (UNJUDGED, [])
+    assert "run/events: the simulator started 0 times" in verdict.obstacles
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (
+            lambda new: new.pop("gap.max_periods"),
+            "run/parameters: the set of fuzzy_pid lacks gap.max_periods",
+        ),
+        (
+            lambda new: new.update({"gap.was": 1}),
+            "recorded parameters cannot be used: parameter 'gap.was'",
+        ),
+    ],
+)
+def test_other_parameters_than_this_versions_accuse_nobody(change, says, tmp_path):
+    def edit(messages):
+        for message in messages:
+            if message[0] == "/run/parameters" and b"gap.max_periods" in message[2]:
+                event = parse_parameter_event(message[2])
+                new = dict(event.new)
+                change(new)
+                kinds = {name: "double array" for name, value in new.items() if value == ()}
+                message[2] = parameter_event(event.stamp_ns, event.node, new, {}, kinds)
+
+    verdict = verify(copied(ARCHIVE["d192e8e1_offline"], tmp_path / "run.mcap", edit, ANEW))
+    assert (verdict.exit_code, verdict.contradictions) == (UNJUDGED, [])
+    assert verdict.obstacles[0].startswith(says)
