@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
+from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
@@ -110,6 +111,16 @@ def test_a_file_that_ends_early_is_branched_as_far_as_it_goes(parent: Path, tmp_
     run = branch(path, 0.55, tmp_path / "b.mcap")
     assert verdict_on(run).exit_code == VERIFIED
     assert run.count("joint_states") == 201  # to its planned end
+
+
+def test_the_reference_of_a_branch_of_another_projects_run_is_its_controllers(
+    tmp_path: Path,
+) -> None:
+    """Up to the branch it is that of the topic."""
+    parent = RecordedRun.open(Path(__file__).parents[1] / "archive" / "70f945cc_external.mcap")
+    settings = ("pid.reference.profile=step", "pid.reference.step_time=2", "pid.reference.value=.3")
+    run = branched_at(parent, Branch(1.0, settings, "pid"), tmp_path / "b.mcap")
+    assert RunTable.from_run(run).reference.tolist() == [0.0] * 400 + [0.3] * 201
 
 
 def test_a_lagging_drive_makes_no_step_late(tmp_path: Path) -> None:

@@ -81,7 +81,9 @@ class RunTable:
         if "reference" in held and run.external and run.count(topics.REFERENCE):
             topic_reference = series[topics.REFERENCE]
             values = topic_reference.column("position", trunk)
-            columns["reference"] = held_at(at, topic_reference.stamp_ns, values)
+            told = held_at(at, topic_reference.stamp_ns, values)
+            own = columns["reference"]  # of a controller of ours, from a branch on
+            columns["reference"] = np.where(np.isnan(own), told, own)
         if topics.JOINT_STATES in series:
             measured = series[topics.JOINT_STATES]
             values = measured.column("position", trunk)
