@@ -52,6 +52,27 @@ def test_equal_doubled_stamps_do_not_differ(tmp_path):
     assert (found.compared, found.differing_steps) == (5, 0)
 
 
+@pytest.mark.parametrize(
+    ("here", "there", "says"),
+    [
+        ({"position": (1.0,)}, {}, "position[trunk]: only in A"),
+        ({}, {"position": (1.0,)}, "position[trunk]: only in B"),
+        ({}, {"name": ("t",)}, "name: trunk in A, t in B"),
+    ],
+)
+def test_what_only_one_run_has_is_told_of_that_run(tmp_path, here, there, says):
+    runs = []
+    for letter, values in (("a", here), ("b", there)):
+        sample = JointSample(0, **{"name": ("trunk",), "effort": (1.0,), **values})
+        with RecordingWriter(tmp_path / f"{letter}.mcap") as writer:
+            channel = writer.channel(f"/{topics.EFFORT_COMMAND}", topics.JOINT_STATE_TYPE)
+            writer.write(channel, 0, 0, layout_of(sample).pack(sample))
+        runs.append(RecordedRun.open(tmp_path / f"{letter}.mcap"))
+    found = diff(*runs)
+    assert found.describe() == f"t = 0 s: effort_command: {says}"
+    assert found.differing_steps == 1
+
+
 def planned(path, *settings, controller="pid"):
     plan = make_plan("fig6", controller, settings=["simulator.duration=0.1", *settings])
     record_offline(plan, path)
@@ -85,6 +106,8 @@ def test_only_runs_of_the_same_plan_are_compared_in_ulps(tmp_path):
         ("pid/state", "position[kd]", " N m s/rad"),
         ("pid/state", "position[alpha]", ""),
         ("pid/state", "position[i_term]", " N m"),
+        ("fuzzy/state", "position[table_term]", " N m"),
+        ("lqr/state", "position[reference]", " rad"),
         ("own/state", "position[adapted]", ""),
     ],
 )

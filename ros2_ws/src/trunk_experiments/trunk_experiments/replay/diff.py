@@ -9,12 +9,15 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from trunk_control.laws import law_named
+from trunk_control.pid_family import UNITS
 from trunk_control.rule_tables import axes_of, is_table
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_table import QUANTITIES, Integers, JointTable
 from trunk_msgs_util.units import seconds
 
 from ..analysis.parameter_text import change_grid, change_text, changed_parameters, differing_texts
+from ..plans.nodes import CONTROLLERS
 from ..recorded.run import RecordedRun
 from .checks import ComparedColumn, apart, differences_in, unequal
 
@@ -35,16 +38,7 @@ _UNITS = {
     "velocity": ("rad/s", "m/s"),
     "effort": ("N m", "N"),
 }  # trunk, hip
-_UNITS_OF_TERMS = {
-    "reference": "rad",
-    "measurement": "rad",
-    "error": "rad",
-    "error_rate": "rad/s",
-    "kp": "N m/rad",
-    "ki": "N m/(rad s)",
-    "kd": "N m s/rad",
-    **dict.fromkeys(("p_term", "i_term", "d_term", "unsaturated", "effort"), "N m"),
-}
+_OF_READING = {"reference": "rad", "measurement": "rad"}  # in each record of terms
 
 
 class FirstDifference(NamedTuple):
@@ -52,7 +46,7 @@ class FirstDifference(NamedTuple):
 
     stamp_ns: int
     topic: str
-    field: str
+    field: Annotated[str, "Both null: it says what either has"]
     a: Annotated[float | None, "null: missing in the first"]
     b: Annotated[float | None, "null: missing in the second"]
 
@@ -63,6 +57,8 @@ class FirstDifference(NamedTuple):
         ``hip``: the name of the hip's joint.
         """
         head = f"t = {seconds(self.stamp_ns):g} s: {self.topic}: {self.field}"
+        if self.a is None and self.b is None:
+            return head
         if self.a is None or self.b is None:
             return f"{head}: only in {'B' if self.a is None else 'A'}"
         if not same_plan:
@@ -159,7 +155,11 @@ def _unit(topic: str, field: str, hip: str) -> str:
     """Return the unit of a value, with the space before it: ``position[trunk]`` of a state is in rad."""
     quantity, _, name = field.removesuffix("]").partition("[")
     if topics.is_controller_state(topic):
-        unit = _UNITS_OF_TERMS.get(name, "")  # the unit of a law's own term is not known
+        law = topic.partition("/")[0]
+        own = (
+            law_named(law).units if law in CONTROLLERS else {}
+        )  # which may be installed nowhere here
+        unit = {**UNITS, **_OF_READING, **own}.get(name, "")
     else:
         unit = _UNITS[quantity][name == hip]
     return f" {unit}" if unit else ""
@@ -232,15 +232,19 @@ def compare_topic(
     if not len(stamps):
         return steps, min(firsts, key=lambda f: f.stamp_ns, default=None)
     if a.names != b.names:
-        firsts.append(FirstDifference(int(stamps[0]), relative, "name", None, 1.0))
+        names = " in A, ".join(", ".join(run.names) or "nothing" for run in (a, b))
+        firsts.append(FirstDifference(int(stamps[0]), relative, f"name: {names} in B", None, None))
+        steps.update(stamps.tolist())
         return steps, min(firsts, key=lambda f: f.stamp_ns)
     columns: list[ComparedColumn] = []
     for quantity in QUANTITIES:
         x, y = a.values(quantity)[rows_a], b.values(quantity)[rows_b]
-        if x.shape != y.shape:
-            firsts.append(FirstDifference(int(stamps[0]), relative, quantity, None, 1.0))
-            continue
-        for i, name in enumerate(a.names[: x.shape[1]]):
+        both, widest = sorted((x.shape[1], y.shape[1]))
+        for name in a.names[both:widest][:1]:
+            lone = (1.0, None) if x.shape[1] > both else (None, 1.0)
+            firsts.append(FirstDifference(int(stamps[0]), relative, f"{quantity}[{name}]", *lone))
+            steps.update(stamps.tolist())
+        for i, name in enumerate(a.names[:both]):
             columns.append(ComparedColumn(relative, f"{quantity}[{name}]", x[:, i], y[:, i]))
     rows = np.flatnonzero(unequal(columns, len(stamps)))
     if len(rows):
