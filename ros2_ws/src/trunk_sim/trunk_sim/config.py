@@ -378,13 +378,16 @@ class SimulatorConfig(ManagedConfig):
             )
 
         for link in ("state", "command"):
-            late = most_late(_link_of(self, link), self.period_ns)
-            if late > MOST_LATE:
-                raise ParameterError(
-                    f"link.{link}.jitter",
-                    getattr(self, f"{link}_jitter"),
-                    f"at most {MOST_LATE} steps late with the delay at this update_rate, not {late}",
-                )
+            whole = _link_of(self, link)
+            for field, part in (("delay", whole._replace(jitter=0.0)), ("jitter", whole)):
+                late = most_late(part, self.period_ns)
+                if late > MOST_LATE:
+                    added = " with the delay" if field == "jitter" else ""
+                    raise ParameterError(
+                        f"link.{link}.{field}",
+                        getattr(whole, field),
+                        f"at most {MOST_LATE} steps late{added} at this update_rate, not {late}",
+                    )
 
     @property
     def period_ns(self) -> int:
