@@ -141,6 +141,16 @@ def test_a_pulse_that_did_not_act_like_that_is_not_verified(name, pulse, request
     assert checks(verdict)["inputs of the plant"].wrong_steps
 
 
+def test_a_difference_names_the_joints_as_the_run_does(tmp_path):
+    names = ("simulator.joints=[h,t]", "disturbance.joints=[h,t]", "pid.joint=t")
+    record_real_time(plan_of(*PULSE, *names), tmp_path / "run.mcap")
+    verdict = verdict_on(
+        tmp_path / "run.mcap", tmp_path / "a.mcap", lambda m: retune(m, pulse_magnitude=500.0)
+    )
+    inputs = checks(verdict)["inputs of the plant"]
+    assert inputs.first[0].field == "effort[t] in force"
+
+
 def test_a_pulse_that_never_acted_is_not_verified(tmp_path):
     """The first state waits for the disturbance node: its first message is in force there."""
     plan, path = plan_of(*PULSE), tmp_path / "run.mcap"

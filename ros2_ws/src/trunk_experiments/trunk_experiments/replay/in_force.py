@@ -100,7 +100,7 @@ def check_inputs(run: RecordedRun, rerun: Rerun, until_ns: int | None = None) ->
         )
         disturbance_columns, known = _named(
             disturbed.topic,
-            list(_CHANNELS),
+            [field.format(*rerun.simulator.config.joints) for field in _CHANNELS],
             disturbed,
             force.disturbance_ns,
             force.disturbance_source,
@@ -158,9 +158,7 @@ def _named(
         else:
             missing[mine[~there]] = 1.0
     columns = [
-        ComparedColumn(
-            topic, f"{field.format('hip', 'trunk')} in force", values[:, i], expected[:, i]
-        )
+        ComparedColumn(topic, f"{field} in force", values[:, i], expected[:, i])
         for i, field in enumerate(fields)
     ]
     return [*columns, ComparedColumn(topic, MISSING, missing, np.zeros(len(missing)))], on_record
@@ -218,7 +216,7 @@ class _Rule:
             wrong = acts & ((stamp_ns < before) | (stamps - stamp_ns > longest))
             wrong |= acts & (stamp_ns > stamps)
             wrong |= ~acts & (before >= 0) & (stamps - before <= shortest)
-            if self._awaited and force.disturbance_ns is stamp_ns:
+            if self._awaited and kind == "disturbance":
                 wrong |= ~acts & (stamps == 0)
             yield ComparedColumn(
                 topics.PLANT_INPUTS, f"{kind} in force", wrong.astype(float), np.zeros(len(wrong))
