@@ -122,6 +122,14 @@ def test_one_bit_of_one_command_is_found_at_its_step_one_ulp_apart(whole, tmp_pa
     assert ", 1 ULP apart" in found.first.describe()
 
 
+def test_a_plant_that_diverges_when_computed_is_said_to(whole, tmp_path):
+    def edit(messages):
+        change_parameter(messages, "/simulator", lambda new: new.update({"plant.length": 1e-9}))
+
+    verdict = verify(copied(whole, tmp_path / "changed.mcap", edit, digests=NONE))
+    assert verdict.reasons[-1].endswith("computed the plant diverges in this step")
+
+
 @pytest.mark.slow
 def test_a_change_without_effect_on_any_bit_is_caught_by_the_digests(whole, tmp_path):
     unused = {"i_clamp_max": 1e9}

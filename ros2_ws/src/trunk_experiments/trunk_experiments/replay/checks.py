@@ -16,6 +16,7 @@ from trunk_msgs_util.units import seconds
 ACTIVE_CONTROLLERS = "active controllers"
 MISSING = "missing"
 UNEXPECTED = "unexpected"
+DIVERGED = "diverged"
 CheckWord = Literal["verified", "diverges", "inconclusive", "taken as recorded"]
 
 
@@ -163,5 +164,7 @@ def describe(difference: Difference) -> str:
         count = f"{difference.recorded:.0f} controllers are active by the run's events"
         return f"t = {seconds(difference.stamp_ns):g} s: {count}, 1 gave a command"
     recorded, computed = difference.recorded, difference.computed
+    if difference.field == DIVERGED:
+        return f"{at}: recorded with an angle of {recorded!r}, computed the plant diverges in this step"
     values = f"recorded {recorded!r}, computed {computed!r}{apart(recorded, computed)}"
     return f"{at}: {difference.field}: {values}"

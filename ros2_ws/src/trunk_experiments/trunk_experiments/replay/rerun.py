@@ -57,6 +57,7 @@ from ..runs.states import (
 )
 from .checks import (
     ACTIVE_CONTROLLERS,
+    DIVERGED,
     MISSING,
     UNEXPECTED,
     Check,
@@ -514,9 +515,7 @@ class Rerun:
     def _note_divergence(self, row: int) -> None:
         angle = float(self._states.true(row, row + 1)[0, 1])
         stamp_ns = int(self.stamps[row])
-        self.plant.note(
-            Difference(stamp_ns, topics.GROUND_TRUTH, "position[finite]", angle, float("nan"))
-        )
+        self.plant.note(Difference(stamp_ns, topics.GROUND_TRUTH, DIVERGED, angle, nan))
 
     def _jump(self, row: int, index: int) -> None:
         self.engine.jump(index, *self._states.plant_state(row))
