@@ -107,7 +107,7 @@ def in_lanes(given: tuple[int, int]) -> tuple[int, Outcomes]:
 
 def differing(a: Outcomes, b: Outcomes) -> int:
     """Return the number of runs that differ in any bit."""
-    x, y = (np.vstack([ended.metrics, ended.diverged_at]) for ended in (a, b))
+    x, y = (np.vstack([ended.metrics, ended.diverged_at, ended.fell]) for ended in (a, b))
     differ = (x.view(np.int64) != y.view(np.int64)) & ~(np.isnan(x) & np.isnan(y))
     reasons = {
         i for i in a.refused.keys() | b.refused.keys() if a.refused.get(i) != b.refused.get(i)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from trunk_experiments.analysis.metrics import MetricNumbers
-from trunk_experiments.batch.kernel import Computed, Kernel, Words
+from trunk_experiments.batch.kernel import FATES, Computed, Kernel, Words
 
 COMPILER = shutil.which("g++") or shutil.which("clang++")
 FLAGS = ("-O2", "-ffp-contract=off", "-x", "c++", "-shared", "-fPIC", "-std=c++17")
@@ -55,13 +55,13 @@ class CppDevice:
     def run(self, kernel: Kernel, words: Words) -> Computed:
         """Return the outcomes of the runs that the words stand for."""
         runs = words.runs
-        fates = np.full((2, runs), -1, np.int64)
+        fates = np.full((FATES, runs), -1, np.int64)
         metrics = np.full((len(MetricNumbers._fields), runs), np.nan)
         memory = np.full(max(runs * words.memory_size, 1), np.nan)
         arrays = (words.rows, words.common, words.own, words.elements, memory, fates, metrics)
         grid = -(-runs // self._block)
         self.launch(kernel.text, grid, self._block, runs, words.memory_size, *arrays)
-        return Computed(fates[0], fates[1], metrics)
+        return Computed(fates[0], fates[1], fates[2], metrics)
 
     def launch(self, text: str, grid: int, block: int, runs: int, size: int, *arrays: Any) -> None:
         """Run a text's threads: a grid of blocks."""

@@ -87,7 +87,7 @@ def test_the_same_loop_runs_in_cpython(batch):
     out = np.empty((compiled_run.ROWS, len(expected.t)))
     loop = compiled_run.loop_of(*(law_named(name) for name in plan.controllers))
     start, noise = compiled_run.start_of_loop(plan), compiled_run._NO_NOISE
-    assert loop(51, *start, noise, np.empty((1, 4)), Schedule(), out) == (51, False)
+    assert loop(51, *start, noise, np.empty((1, 4)), Schedule(), out) == (51, False, False)
     assert out[compiled_run.THETA].tolist() == expected.theta.tolist()
 
 

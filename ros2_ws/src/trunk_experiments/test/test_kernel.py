@@ -63,9 +63,10 @@ def summary_in(outcomes, run):
     numbers = outcomes.metrics[:, run].tolist()
     if outcomes.fates[run] == UNSOUND:
         return None
+    fell = bool(outcomes.fell[run])
     if outcomes.fates[run] == UNSTABLE:
-        return RunSummary(None, numbers[0])
-    return RunSummary(metrics_from(MetricNumbers(*numbers)))
+        return RunSummary(None, numbers[0], fell=fell)
+    return RunSummary(metrics_from(MetricNumbers(*numbers)), fell=fell)
 
 
 def unfit(plan):
@@ -81,7 +82,7 @@ def unfit(plan):
 def bits(summary):
     """Return a run's outcome with its numbers' bits."""
     numbers = [] if summary.metrics is None else summary.metrics.as_dict().values()
-    every = [summary.diverged_at, *numbers]
+    every = [summary.diverged_at, summary.fell, *numbers]
     return [None if number is None else pack("<d", number) for number in every]
 
 

@@ -14,7 +14,6 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doubts import doubts_of
 from trunk_experiments.study import limit
 from trunk_experiments.study.limit import find_limit
-from trunk_sim.config import SimulatorConfig
 
 PUSH = [
     *("limit", "demo", "--vary", "disturbance.pulse.magnitude", "--to", "300Nm"),
@@ -38,20 +37,15 @@ class PlanAt(NamedTuple):
     """As much of a plan as a search needs."""
 
     value: float
-    simulator: SimulatorConfig = SimulatorConfig()
     controller_name: str = "pid"
 
 
 def stands_below(*spans):
     """Return summaries of runs that stand where their plan's value is in one of the spans."""
 
-    class Metrics:
-        def __init__(self, angle):
-            self.theta_max_deg, self.theta_min_deg = angle, 0.0
-
     def summaries(plans, batch):
         good = ((low <= plan.value <= high for low, high in spans) for plan in plans)
-        return [RunSummary(Metrics(10.0 if any(inside) else 91.0)) for inside in good]
+        return [RunSummary(object(), fell=not any(inside)) for inside in good]
 
     return summaries
 
@@ -114,12 +108,6 @@ def test_what_stands_beyond_the_first_fall_is_not_the_limit(monkeypatch):
     assert found.stands == pytest.approx(20.0, abs=1e-3)
     assert found.stands_again
     assert all(50.0 <= value <= 70.0 for value in found.stands_again)
-
-
-def test_a_run_stands_within_its_own_fall_angle(monkeypatch):
-    monkeypatch.setattr(limit, "summaries", stands_below((0.0, 100.0)))
-    narrow = SimulatorConfig(fall_angle=radians(9.0))
-    assert find_limit(lambda value: PlanAt(value, narrow), 0.0, 100.0, 1.0).stands is None
 
 
 def test_the_answer_says_what_the_push_is(command_says, monkeypatch):

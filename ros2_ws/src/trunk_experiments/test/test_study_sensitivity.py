@@ -38,8 +38,7 @@ def runner_of(metric, fell=lambda row: False, status=lambda row: "ok"):
                 "status": [status(row) for row in rows],
                 "reason": ["too long"] * len(rows),
                 **{name: [metric(row) for row in rows] for name in METRICS},
-                "theta_max_deg": [120.0 if fell(row) else 1.0 for row in rows],
-                "theta_min_deg": [0.0 for row in rows],
+                "fell": [fell(row) for row in rows],
             }
             yield block.index, pa.table(table)
 

@@ -25,11 +25,13 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.study import sweep as module
+from trunk_experiments.study.limit import survival
 from trunk_experiments.study.map import panels
 from trunk_experiments.study.results import Results
 from trunk_experiments.study.rows import make_bases, plan_of, rows_of
 from trunk_experiments.study.study import (
     Distribution,
+    Target,
     design,
     drawn_values,
     parse_study,
@@ -92,6 +94,45 @@ def test_rows_are_in_order_and_complete(undisturbed, study):
     assert [row["run"] for row in found] == list(range(study.total)) == list(range(30))
     assert {row["status"] for row in found} <= {"ok", "diverged"}
     assert list(found[0])[-len(METRICS) :] == list(METRICS)
+
+
+FALLS = """
+scenario: fig8
+params: profile_practical
+rate: 200
+duration: 1.0
+controllers: [pid, fuzzy_pid]
+runs: 2
+set: {simulator.substeps: 1}
+vary:
+  stop: {parameter: simulator.fall.stop, values: [true, false]}
+  mass: {parameter: simulator.plant.trunk_mass, distribution: uniform, low: 0.3, high: 0.8}
+"""
+
+
+def test_falls_are_by_each_run_s_own_angle_as_in_its_recording_and_for_limit(tmp_path):
+    angles = (0.35, 0.45, 0.55)
+    entry = f"  angle: {{parameter: simulator.fall.angle, values: {list(angles)}}}\n"
+    study = parse_study(FALLS + entry, "study.yaml")
+    make(study, tmp_path / "out.parquet")
+    bases, columns = make_bases(study), design(study, 0, study.total)
+    found = rows(tmp_path / "out.parquet")
+    for row, drawn in zip(found, rows_of(columns), strict=True):
+        record_offline(plan_of(study, bases, drawn), tmp_path / "run.mcap", overwrite=True)
+        recorded = RecordedRun.open(tmp_path / "run.mcap").recording
+        assert row["fell"] == (recorded.fell_at_ns is not None), row
+    fallen = Results.read(tmp_path / "out.parquet").fallen
+    assert fallen.tolist() == [float(row["fell"]) for row in found]
+    assert 0 < fallen.sum() < len(found)
+    target = Target("simulator", "fall.angle")
+    for name, curve in survival(parse_study(FALLS, "study.yaml"), target, angles).items():
+        for point in curve.points:
+            of_point = [
+                row["fell"]
+                for row in found
+                if (row["controller"], row["angle"]) == (name, point.value)
+            ]
+            assert point.share == 1.0 - sum(of_point) / len(of_point)
 
 
 def test_draws_are_paired(undisturbed):

@@ -38,7 +38,7 @@ class Sweep:
     """The results of a sweep: columns [runs], one row for each run. Made by `sweep` and `load_sweep`.
 
     Columns: ``run``, ``controller``, ``point`` of the grid, ``draw``, ``seed``, what varies, ``status``
-    (``ok``, ``diverged``, ``refused``), ``reason``, ``diverged_at_s`` and the metrics by name.
+    (``ok``, ``diverged``, ``refused``), ``reason``, ``fell``, ``diverged_at_s`` and the metrics by name.
     ``warnings``: those of the plans, one line each.
     """
 
@@ -57,7 +57,7 @@ class Sweep:
 
     @property
     def fallen(self) -> Floats:
-        """1.0 if the trunk reached 90 deg or the plant diverged, 0.0 if not, NaN if the run was refused."""
+        """1.0 if the trunk fell or the plant diverged, 0.0 if not, NaN if the run was refused."""
         return self._results.fallen
 
     def __len__(self) -> int:

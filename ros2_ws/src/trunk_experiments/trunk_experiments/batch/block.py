@@ -31,6 +31,7 @@ from ..plans.plan import RunPlan
 from ..runs.loop_inputs import check_compilable
 from .compiled_run import Batch
 from .lanes import (
+    FELL,
     LANES,
     LEFT,
     MEMORY,
@@ -74,23 +75,26 @@ class RunSummary(NamedTuple):
     metrics: Metrics | None
     diverged_at: float | None = None
     refused: str = ""
+    fell: bool = False  # by the plan's fall.angle
+
+    @property
+    def stood(self) -> bool:
+        """True if all states are finite, and none beyond the fall angle."""
+        return self.metrics is not None and not self.fell
 
 
 class Outcomes:
-    """How many runs ended, as arrays: a run was refused, or diverged, or has metrics."""
+    """How many runs ended, as arrays: a run was refused, or diverged, or has metrics; and whether it fell."""
 
     def __init__(self, count: int) -> None:
         self.metrics = np.full((len(MetricNumbers._fields), count), nan)  # NaN: undefined
         self.diverged_at = np.full(count, nan)  # s
+        self.fell = np.zeros(count, bool)
         self.refused: dict[int, str] = {}
-
-    def metric(self, name: str) -> Floats:
-        """Return a metric of all runs; NaN where there is none."""
-        values: Floats = self.metrics[MetricNumbers._fields.index(name)]
-        return values
 
     def keep(self, i: int, summary: RunSummary) -> None:
         """Write down how run i ended."""
+        self.fell[i] = summary.fell
         if summary.refused:
             self.refused[i] = summary.refused
         elif summary.metrics is None:
@@ -103,10 +107,10 @@ class Outcomes:
         """Return how run i ended."""
         if reason := self.refused.get(i):
             return RunSummary(None, refused=reason)
-        at = float(self.diverged_at[i])
+        at, fell = float(self.diverged_at[i]), bool(self.fell[i])
         if not isnan(at):
-            return RunSummary(None, at)
-        return RunSummary(metrics_from(MetricNumbers(*self.metrics[:, i].tolist())))
+            return RunSummary(None, at, fell=fell)
+        return RunSummary(metrics_from(MetricNumbers(*self.metrics[:, i].tolist())), fell=fell)
 
 
 class Regular(NamedTuple):
@@ -170,8 +174,9 @@ class Lanes:
                 blocks.setdefault(prepared[0], []).append((rows, prepared[1]))
         for (name, _), runs in blocks.items():
             rows = np.concatenate([part for part, _ in runs])
-            left, metrics = run_lanes(name, [(len(part), regular) for part, regular in runs])
+            left, fell, metrics = run_lanes(name, [(len(part), regular) for part, regular in runs])
             alone += rows[left].tolist()
+            outcomes.fell[rows[~left]] = fell[~left]
             outcomes.metrics[:, rows[~left]] = metrics[:, ~left]
         for i in alone:
             outcomes.keep(i, summary_of(plan_at(i), self._batch))
@@ -218,7 +223,7 @@ def summary_of(plan: RunPlan, batch: Batch) -> RunSummary:
     """Return the outcome of one plan's run."""
     outcome = batch.run(plan)
     try:
-        return RunSummary(outcome.metrics(), outcome.diverged_at)
+        return RunSummary(outcome.metrics(), outcome.diverged_at, fell=outcome.fell)
     except ValueError as error:
         return RunSummary(None, refused=str(error))
 
@@ -309,7 +314,8 @@ def run_block(
     ``trace`` [states, TRACED, LANES] is filled, if given.
     """
     outcomes = Outcomes(len(runs))
-    left, outcomes.metrics[:] = run_lanes(name, [(1, run) for run in runs], 1, trace)
+    computed = run_lanes(name, [(1, run) for run in runs], 1, trace)
+    left, outcomes.fell[:], outcomes.metrics[:] = computed
     return [None if left[i] else outcomes.summary(i) for i in range(len(runs))]
 
 
@@ -318,8 +324,8 @@ def run_lanes(
     runs: Sequence[tuple[int, Regular]],
     enough: int = ENOUGH,
     trace: Floats | None = None,
-) -> tuple[NDArray[np.bool_], Floats]:
-    """Return which runs left the regular course, and the metrics [metrics, runs] of the others.
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Floats]:
+    """Return which runs left the regular course; of the others, which fell, and the metrics [metrics, runs].
 
     ``runs`` have the same `key_of`; each comes with how many it is. Fewer than ``enough`` of a block are
     left, too. ``trace`` [states, TRACED, LANES] is filled, if given.
@@ -337,7 +343,8 @@ def run_lanes(
         [spread([*run.numbers, *run.initial, run.effort], n) for n, run in runs], axis=1
     )
     inputs = [run_inputs for n, run in runs for run_inputs in inputs_of(run, n)]
-    left, metrics = np.ones(count, bool), np.full((len(MetricNumbers._fields), count), nan)
+    left, fell = np.ones(count, bool), np.zeros(count, bool)
+    metrics = np.full((len(MetricNumbers._fields), count), nan)
     history = np.empty((common.delay_steps + 1, 4 * LANES))
     loop = _compiled_lanes(name, shape, numbers)
     tables = 0 if lookup is None else len(lookup.kind._fields)
@@ -358,10 +365,11 @@ def run_lanes(
         loop(shape, cells.reshape(-1), series, history, _NONE if trace is None else trace)
         metrics[:, block] = cells[SUMS : SUMS + len(metrics), :used]
         left[block] = cells[LEFT, :used] != 0.0
+        fell[block] = cells[FELL, :used] != 0.0
     large = np.abs(metrics) == inf
     large[MetricNumbers._fields.index(SETTLING)] = False  # a run that never settles
     left |= large.any(axis=0)  # refused: the run alone says why
-    return left, metrics
+    return left, fell, metrics
 
 
 def spread(numbers: Sequence[Any], count: int) -> Floats:

@@ -1,4 +1,4 @@
-"""One closed-loop run in compiled code, for batches; same bits as `runs.steps`."""
+"""One closed-loop run in compiled code, for batches; same bits as `runs.engine`."""
 
 from __future__ import annotations
 
@@ -90,12 +90,13 @@ def keep_rows(
             out[row, k] = out[row, k - 1] if k > 0 else nan
 
 
-def loop_of(*laws: Law) -> Callable[..., tuple[int, bool]]:
+def loop_of(*laws: Law) -> Callable[..., tuple[int, bool, bool]]:
     """Return the loop of a whole run with these laws, in the order of its participants.
 
     ``loop(states, surroundings, state, participants, noise, history, schedule, out)`` fills ``out`` [ROWS, N]
-    with a run of N ``states`` and returns how many there are, and True if the plant diverged in the step
-    after the last of them. A run that ends with a fall has fewer than N, too. Later columns are not written.
+    with a run of N ``states`` and returns how many there are, True if the plant diverged in the step after
+    the last of them, and True if the trunk fell in one of them. A run that ends with a fall has fewer than N,
+    too. Later columns are not written.
     The other arguments are those of `segment_of`.
     """
     segment = segment_of(*laws, keep=keep_rows, tell=tell_gains)
@@ -109,11 +110,11 @@ def loop_of(*laws: Law) -> Callable[..., tuple[int, bool]]:
         history: Floats,
         schedule: Schedule,
         out: Floats,
-    ) -> tuple[int, bool]:
-        count, end, _ = segment(
+    ) -> tuple[int, bool, bool]:
+        count, end, after = segment(
             0, states, surroundings, state, participants, noise, history, schedule, out
         )
-        return count, end == DIVERGED
+        return count, end == DIVERGED, after.trunk.fallen
 
     loop.__name__ = loop.__qualname__ = "_".join(["loop", *(law.update.__module__ for law in laws)])
     return loop
@@ -143,7 +144,7 @@ def start_of_loop(plan: RunPlan) -> tuple[Surroundings, LoopState, Chain]:
 
 
 @cache
-def compiled_loop(laws: tuple[str, ...]) -> Callable[..., tuple[int, bool]]:
+def compiled_loop(laws: tuple[str, ...]) -> Callable[..., tuple[int, bool, bool]]:
     """Return `loop_of` the named laws, compiled where numba can; if not, a warning says why."""
     loop = loop_of(*(law_named(name) for name in laws))
     return compiled_or_plain(loop, lambda reason: _not_compiled(laws, reason))
@@ -158,6 +159,7 @@ class Outcome(NamedTuple):
 
     table: RunTable
     diverged_at: float | None
+    fell: bool  # in one of the table's states
 
     def metrics(self) -> Metrics | None:
         """Return the metrics; None for a run that diverged."""
@@ -181,12 +183,12 @@ class Batch:
         surroundings, state, participants = start_of_loop(plan)
         history = np.empty((simulator.delay_steps + 1, 4))
         noise = _noise(plan, states)
-        count, diverged = loop(
+        count, diverged, fell = loop(
             states, surroundings, state, participants, noise, history, _COMPUTED, self._out
         )
         t = _times(states, simulator.period_ns)
         table = RunTable(t[:count], *self._out[:, :count])
-        return Outcome(table, float(t[count - 1]) if diverged else None)
+        return Outcome(table, float(t[count - 1]) if diverged else None, fell)
 
 
 _NO_NOISE = np.zeros((1, 2))

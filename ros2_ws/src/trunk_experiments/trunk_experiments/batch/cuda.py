@@ -12,7 +12,7 @@ import numpy as np
 from ..analysis.metrics import MetricNumbers
 from ..errors import LibraryError, NotInstalledError
 from .compiled_run import Batch
-from .kernel import Computed, Kernel, OnDevice, Words
+from .kernel import FATES, Computed, Kernel, OnDevice, Words
 
 # No multiplication and addition in one rounding; with more registers fewer threads run at a time.
 OPTIONS = ("--fmad=false", "--std=c++17", "--maxrregcount=128")
@@ -75,7 +75,7 @@ class CudaDevice:
 
     def _whole(self, function: Any, words: Words) -> Computed:
         count = len(MetricNumbers._fields)
-        fates, metrics = np.empty((2, words.runs), np.int64), np.empty((count, words.runs))
+        fates, metrics = np.empty((FATES, words.runs), np.int64), np.empty((count, words.runs))
         common = [self._cupy.asarray(array) for array in (words.rows, words.common, words.elements)]
         self._cupy.get_default_memory_pool().free_all_blocks()
         free, _ = self._cupy.cuda.runtime.memGetInfo()
@@ -84,13 +84,13 @@ class CudaDevice:
         for first in range(0, words.runs, longest):
             runs = slice(first, min(first + longest, words.runs))
             fates[:, runs], metrics[:, runs] = self._part(function, words.part(runs), common)
-        return Computed(fates[0], fates[1], metrics)
+        return Computed(fates[0], fates[1], fates[2], metrics)
 
     def _part(self, function: Any, words: Words, common: list[Any]) -> tuple[Any, Any]:
         rows, shared, elements = common
         own = self._cupy.asarray(words.own)
         memory = self._cupy.empty(words.runs * words.memory_size)
-        fates = self._cupy.empty((2, words.runs), np.int64)
+        fates = self._cupy.empty((FATES, words.runs), np.int64)
         metrics = self._cupy.empty((len(MetricNumbers._fields), words.runs))
         sizes = np.int64(words.runs), np.int64(words.memory_size)
         arrays = rows, shared, own, elements, memory, fates, metrics

@@ -369,14 +369,19 @@ class _Elements:
 
 
 class Computed(NamedTuple):
-    """What became of runs: `SOUND`, `UNSTABLE` or `UNSOUND`, their states, and their metrics [metrics, runs].
+    """What became of runs: `SOUND`, `UNSTABLE` or `UNSOUND`, their states, whether they fell, their metrics.
 
-    Of a run that is unstable, the first number is when it diverged, s; there are no others.
+    The metrics are an array [metrics, runs]. Of a run that is unstable, the first number is when it
+    diverged, s; there are no others.
     """
 
     fates: Integers
     states: Integers
+    fell: Integers
     metrics: Floats
+
+
+FATES = len(Computed._fields) - 1  # integers of a run
 
 
 class Device(Protocol):
@@ -424,7 +429,8 @@ class OnDevice:
         for kernel, starts in kernels.items():
             rows = np.concatenate([part for part, _ in starts])
             words = words_of(kernel, [(start, len(part)) for part, start in starts])
-            fates, _, metrics = self._device.run(kernel, words)
+            fates, _, fell, metrics = self._device.run(kernel, words)
+            outcomes.fell[rows] = fell  # of an unsound run, the CPU says it again
             outcomes.metrics[:, rows[fates == SOUND]] = metrics[:, fates == SOUND]
             outcomes.diverged_at[rows[fates == UNSTABLE]] = metrics[0, fates == UNSTABLE]
             others.append((rows[fates == UNSOUND], None))

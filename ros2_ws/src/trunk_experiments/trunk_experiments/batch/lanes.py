@@ -193,7 +193,8 @@ TORQUE = 25
 LEFT = 26  # 1.0 in a lane that has left the regular course
 TOTAL_TORQUE = 27  # N m, on the trunk over a period
 INPUTS = 28  # what a law's tables are looked up by, 2
-SUMS = 30
+FELL = 30  # 1.0 from the state on in which the trunk has fallen
+SUMS = 31
 PARAMETERS = SUMS + len(
     Sums._fields
 )  # of the run, as many as it has; then the cell of a law's tables
@@ -357,7 +358,10 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
             for lane in range(LANES):
                 plant = read_plant(cells, lane, c.plant)
                 state = state_at(cells, STATE, lane)
-                ends = not finite(state) or (c.fall_stop and beyond_fall(state, plant))
+                falls = beyond_fall(state, plant)
+                fallen = cells[FELL * LANES + lane]
+                cells[FELL * LANES + lane] = 1.0 if falls else fallen
+                ends = not finite(state) or (c.fall_stop and falls)
                 left = cells[LEFT * LANES + lane]
                 cells[LEFT * LANES + lane] = 1.0 if ends else left
                 before, command = cells[TORQUE * LANES + lane], cells[(MEMORY + 4) * LANES + lane]

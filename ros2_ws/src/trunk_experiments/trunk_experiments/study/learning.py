@@ -22,7 +22,6 @@ from ..errors import RunError, StudyError
 from ..plans.plan import RunPlan
 from ..tuning.search import Space, space_of
 from .compare import DrawnRuns
-from .results import FALLEN_DEG
 from .rows import Bases, make_bases, plan_of, rows_of, shared_batch
 from .study import StudySpec, design
 
@@ -193,7 +192,7 @@ def outcome(draws: Draws, label: str, values: Values, metric: str) -> Floats:
 
 def _metric(summary: RunSummary, name: str) -> float:
     metrics = summary.metrics
-    if metrics is None or max(metrics.theta_max_deg, -metrics.theta_min_deg) >= FALLEN_DEG:
+    if metrics is None or summary.fell:
         return nan
     value = getattr(metrics, name)
     return nan if value in (None, inf) else abs(float(value))

@@ -13,7 +13,7 @@ import numpy as np
 
 from trunk_msgs_util.units import seconds
 
-from ..batch.block import Maker, RunSummary, summaries
+from ..batch.block import Maker, summaries
 from ..batch.compiled_run import Batch
 from ..batch.lanes import LANES
 from ..errors import PlanError, StudyError
@@ -67,13 +67,6 @@ class Conditions(NamedTuple):
     duration: float | None
 
 
-def stood(run: RunSummary, plan: RunPlan) -> bool:
-    """Return True for a run whose trunk stayed within the plan's fall angle, all states finite."""
-    m = run.metrics
-    limit = degrees(plan.simulator.fall_angle)
-    return m is not None and max(m.theta_max_deg, -m.theta_min_deg) <= limit
-
-
 def most_runs(first: float, last: float, within: float) -> int:
     """Return how many runs `find_limit` makes at most: each round divides a gap by ``LANES + 1``."""
     within = max(within, ulp(max(abs(first), abs(last))))
@@ -98,10 +91,10 @@ def find_limit(
     values = np.linspace(first, last, LANES).tolist()
     while True:
         plans = [plan_at(value) for value in values]
-        for value, plan, run in zip(values, plans, summaries(plans, batch), strict=True):
+        for value, run in zip(values, summaries(plans, batch), strict=True):
             if run.refused:
                 raise PlanError(f"{value:g}: {run.refused}")
-            tried[value] = stood(run, plan)
+            tried[value] = run.stood
         progress(len(tried))
         ordered = sorted(tried, reverse=last < first)
         count = next((k for k, value in enumerate(ordered) if not tried[value]), len(ordered))
@@ -233,12 +226,11 @@ def survival(
     at_once = study.block if maker is None else max(study.block, AT_ONCE)
     for first in range(0, varied.total, at_once):
         columns = design(varied, first, min(first + at_once, varied.total))
-        ended, fall_angles = outcomes(varied, bases, columns, maker)
+        ended = outcomes(varied, bases, columns, maker)
         if ended.refused:
             i = min(ended.refused)
             raise StudyError(f"{study.source}: run {columns['run'][i]}: {ended.refused[i]}")
-        farthest = np.maximum(ended.metric("theta_max_deg"), -ended.metric("theta_min_deg"))
-        good = farthest <= np.degrees(fall_angles)  # False where it diverged
+        good = np.isnan(ended.diverged_at) & ~ended.fell
         for label, value, upright in zip(
             columns["controller"], columns[name], good.tolist(), strict=True
         ):

@@ -30,7 +30,6 @@ from .rows import Bases, bases_from, plan_of
 from .study import StudySpec, design, parse_study
 from .sweep import sources
 
-FALLEN_DEG = 90.0  # a trunk this far from the vertical has fallen
 METRICS = tuple(Metrics.__dataclass_fields__)
 Cell = float | int | str | bool | None  # of a column
 _TOLD = ("study", "plans", "grid", "variables", "sources")
@@ -132,10 +131,16 @@ class Results:
 
     @property
     def fallen(self) -> Floats:
-        """1.0 if the loop diverged or the trunk fell, 0.0 if it stayed up, NaN for refused runs."""
-        status = np.array(self.table["status"].to_pylist(), dtype=object)
-        lies = np.maximum(self.column("theta_max_deg"), -self.column("theta_min_deg")) >= FALLEN_DEG
-        return np.where(status == "refused", np.nan, (status == "diverged") | lies)
+        """1.0 if the loop diverged or the trunk fell, 0.0 if it stayed up, NaN for refused runs.
+
+        Raises StudyError for the results of a version that did not write down who fell.
+        """
+        if "fell" not in self.table.column_names:
+            raise StudyError(
+                f"{self.path}: no column 'fell': an earlier version swept it; sweep the study again"
+            )
+        diverged = pc.equal(self.table["status"], "diverged").to_numpy()
+        return np.where(diverged, 1.0, self.column("fell"))
 
 
 def _names(text: bytes | None) -> tuple[str, ...] | None:
@@ -273,8 +278,7 @@ class StudyRun:
     @property
     def fell(self) -> bool:
         """True if the trunk fell or the plant diverged."""
-        at = self.results.table["run"].to_pylist().index(self.row["run"])
-        return bool(self.results.fallen[at])
+        return self.row["status"] == "diverged" or bool(self.row.get("fell"))
 
     @property
     def place(self) -> str:
@@ -330,6 +334,7 @@ def record_again(
         except DivergedError as error:
             diverged = error
         outcome = _outcome(part, diverged)
+        outcome = {name: value for name, value in outcome.items() if name in run.row}
         differing = [name for name, value in outcome.items() if run.row[name] != value]
         if differing:
             deviations = ", ".join(
@@ -340,16 +345,15 @@ def record_again(
 
 
 def _outcome(path: Path, diverged: DivergedError | None) -> dict[str, Any]:
-    """Return status, instant of divergence and metrics of a recording, as a row has them."""
-    table, metrics = table_and_metrics(RecordedRun.open(path))
+    """Return status, fall, instant of divergence and metrics of a recording, as a row has them."""
+    run = RecordedRun.open(path)
+    table, metrics = table_and_metrics(run)
+    status, at, numbers = "ok", None, metrics.as_dict()
     if diverged is not None:
-        return {
-            "status": "diverged",
-            "diverged_at_s": float(table.t[-1]),
-            **dict.fromkeys(METRICS),
-        }
-    numbers = {name: value and known(value) for name, value in metrics.as_dict().items()}
-    return {"status": "ok", "diverged_at_s": None, **numbers}
+        status, at, numbers = "diverged", float(table.t[-1]), dict.fromkeys(METRICS)
+    fell = run.recording.fell_at_ns is not None
+    values = {name: value and known(value) for name, value in numbers.items()}
+    return {"status": status, "fell": fell, "diverged_at_s": at, **values}
 
 
 def _why(results: Results) -> str:

@@ -13,7 +13,6 @@ from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import cache, partial
 from itertools import product
-from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +34,6 @@ from trunk_msgs_util.parameters.declarations import (
 )
 from trunk_msgs_util.parameters.files import ParameterFileError
 from trunk_msgs_util.parameters.to_si import read_quantity, units_of
-from trunk_msgs_util.recording.joint_table import Floats
 
 from ..batch.block import Lanes, Maker, Outcomes, make_runs, wrong_duration
 from ..batch.compiled_run import Batch
@@ -81,29 +79,25 @@ def rows_of(columns: Columns) -> Iterator[dict[str, Any]]:
 
 def outcomes(
     study: StudySpec, bases: Bases, columns: Columns, maker: Maker | None = None
-) -> tuple[Outcomes, Floats]:
-    """Return how each row's run ended, and at which angle its trunk has fallen [rad]; NaN: refused.
+) -> Outcomes:
+    """Return how each row's run ended.
 
     ``maker``: what makes the runs; None: lanes of this process.
     What varies as a double passes through the parameters' checks and the plans for many rows at once
     (`Varied`); rows with values for which that cannot be have plans of their own.
     """
     count = len(columns["run"])
-    ended, fall_angles = Outcomes(count), np.full(count, nan)
+    ended = Outcomes(count)
     doubles = _doubles(study, columns)
 
     def plan_at(rows: Rows) -> RunPlan:
         row = row_at(columns, rows[0])
         if len(rows) > 1:
             row |= {name: Varied(values[rows]) for name, values in doubles.items()}
-        plan = plan_of(study, bases, row)
-        fall_angle: Any = plan.simulator.fall_angle
-        fall_angles[rows] = fall_angle.values if isinstance(fall_angle, Varied) else fall_angle
-        return plan
+        return plan_of(study, bases, row)
 
     make_runs(maker or Lanes(shared_batch()), plan_at, _alike(study, columns, doubles), ended)
-    fall_angles[list(ended.refused)] = nan
-    return ended, fall_angles
+    return ended
 
 
 def row_at(columns: Columns, i: int) -> dict[str, Any]:

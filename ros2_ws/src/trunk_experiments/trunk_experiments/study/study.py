@@ -33,6 +33,7 @@ from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.text import shortened
 from trunk_msgs_util.yaml_text import YamlTextError, load
 
+from ..analysis.metrics import QUANTITIES
 from ..errors import DrawError, StudyError, did_you_mean
 from ..plans.nodes import CONTROLLERS, NODES
 
@@ -41,7 +42,10 @@ HOWS = ("value", "factor", "offset")
 SPACINGS = ("linear", "log")
 MAX_RUNS = 100_000_000
 # Columns of the results besides the variables.
-RESERVED = ("run", "controller", "point", "draw", "seed", "status", "reason", "diverged_at_s")
+RESERVED = (
+    *("run", "controller", "point", "draw", "seed"),
+    *("status", "reason", "fell", "diverged_at_s", *QUANTITIES),
+)
 _SMALLEST = 2.0**-54  # instead of 0, at which a normal variable is -inf
 # What each needs, and what it may have.
 DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {

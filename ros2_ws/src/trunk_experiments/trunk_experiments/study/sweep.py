@@ -73,12 +73,13 @@ def sources() -> str:
 
 def run_block(block: RunBlock, maker: Maker | None = None) -> pa.Table:
     """Return a block's rows with their results; ``maker``: that of `outcomes`."""
-    ended, _ = outcomes(block.study, block.bases, block.columns, maker)
+    ended = outcomes(block.study, block.bases, block.columns, maker)
     arrays = {name: pa.array(values, _type(name, values)) for name, values in block.columns.items()}
     status = np.where(np.isnan(ended.diverged_at), "ok", "diverged").astype(object)
     status[list(ended.refused)] = "refused"
     arrays["status"] = pa.array(status, pa.string())
     arrays["reason"] = pa.array(map(ended.refused.get, range(len(status))), pa.string())
+    arrays["fell"] = pa.array(ended.fell, pa.bool_(), mask=status == "refused")
     numbers = ended.diverged_at, *ended.metrics
     for name, values in zip(("diverged_at_s", *METRICS), numbers, strict=True):
         known = np.where(np.isinf(values), np.nan, values)  # a time of settling that is never
