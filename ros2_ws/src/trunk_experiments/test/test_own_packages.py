@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -91,9 +92,16 @@ def test_two_controllers_of_one_name_are_refused_naming_both_packages(tmp_path: 
     assert "uninstall or rename the other" in line
 
 
+REMEMBERS = "effort: float = 0.0  # N m, the last command"
+
+
 @pytest.mark.slow
-def test_a_law_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
+@pytest.mark.parametrize("remembered", ["", "\n    past: tuple[float, ...] = (0.0, 0.0)"])
+def test_a_law_that_numba_refuses_is_swept_by_cpython_and_mapped(
+    tmp_path: Path, remembered: str
+) -> None:
     law = own_law(tmp_path, "    wanted = ", "    _ = {str(k): k for k in range(2)}\n    wanted = ")
+    law = law.replace(REMEMBERS, REMEMBERS + remembered)
     install(tmp_path, "mine", "mine = mine:LAW", module=law)
     (tmp_path / "study.yaml").write_text(
         "scenario: demo\ncontrollers: [mine]\nset: {simulator.duration: 1.0}\n"
@@ -102,6 +110,14 @@ def test_a_law_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
     swept = trunk(tmp_path, "sweep", "study.yaml", "-o", "study.parquet")
     assert "2 runs: 2 ok, 0 diverged, 0 refused" in swept.stdout, swept.stderr
     assert "not compilable" in swept.stderr
+    mapped = trunk(tmp_path, "study", "map", "study.parquet", "-o", "map.png", "--json")
+    assert mapped.returncode == 0, mapped.stderr
+    (panel,) = json.loads(mapped.stdout)["panels"]
+    if remembered:
+        line = next(one for one in mapped.stderr.splitlines() if "warning" in one)
+        assert line.startswith("trunk: warning: mine: without Floquet multipliers: mine cannot be")
+        assert line.endswith("its memory's past is (0.0, 0.0), not a float")
+    assert (panel["growth"] is None) == bool(remembered)
 
 
 @pytest.mark.slow

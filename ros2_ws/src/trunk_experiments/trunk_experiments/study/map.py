@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -160,21 +161,29 @@ def _growths(plans: list[RunPlan], progress: Progress) -> list[float]:
     Plans of one linearised loop have one growth: a push or a start angle changes none.
     """
     loops: dict[bytes, list[int]] = {}
+    lacking: dict[str, str] = {}  # why, by controller
     for k, plan in enumerate(plans):
-        with suppress(PlanError):  # the hip hardly moves: its period is too long
+        try:
             loops.setdefault(pickle.dumps(prepared(plan)), []).append(k)
+        except PlanError as error:
+            lacking.setdefault(plan.controller_name, str(error))
     growths = [nan] * len(plans)
     alike = list(loops.values())
     for done, (k, growth) in enumerate(
         _numbered_growths([plans[places[0]] for places in alike]), 1
     ):
+        if isinstance(growth, str):
+            lacking.setdefault(plans[alike[k][0]].controller_name, growth)
+            growth = nan
         for place in alike[k]:
             growths[place] = growth
         progress(done, len(alike))
+    for name, reason in lacking.items():
+        warnings.warn(f"{name}: without Floquet multipliers: {reason}", stacklevel=2)
     return growths
 
 
-def _numbered_growths(plans: list[RunPlan]) -> Iterator[tuple[int, float]]:
+def _numbered_growths(plans: list[RunPlan]) -> Iterator[tuple[int, float | str]]:
     if len(plans) < _MANY:
         yield from map(_growth_of, enumerate(plans))
         return
@@ -189,9 +198,13 @@ def _numbered_growths(plans: list[RunPlan]) -> Iterator[tuple[int, float]]:
         ) from None
 
 
-def _growth_of(numbered: tuple[int, RunPlan]) -> tuple[int, float]:
+def _growth_of(numbered: tuple[int, RunPlan]) -> tuple[int, float | str]:
+    """Return a plan's growth, or in words why it has none."""
     number, plan = numbered
-    return number, floquet(plan).growth
+    try:
+        return number, floquet(plan).growth
+    except PlanError as error:
+        return number, str(error)
 
 
 def draw(

@@ -7,8 +7,9 @@ base at the origin, a drive's lag, viscous friction, delays of the sensors, a co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import inf, isfinite, nan
 from typing import NamedTuple
 
@@ -17,10 +18,12 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.law import Hip, Sample
+from trunk_control.law import Constants, Hip, Law, LawMemory, Sample
 from trunk_control.laws import law_of
+from trunk_control.limits import Limits
 from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.recording.joint_table import Floats
+from trunk_msgs_util.text import shortened
 from trunk_msgs_util.units import seconds
 from trunk_sim.actuator import Actuator
 from trunk_sim.config import SimulatorConfig
@@ -219,6 +222,7 @@ def loop_of(
 
     Raises PlanError where it cannot be linearised.
     """
+    linearise(simulator.body)  # says so if it is the plant that cannot be
     plant = simulator.plant._replace(
         body=level(simulator.plant.body, prescribed),
         max_effort=inf,
@@ -227,16 +231,14 @@ def loop_of(
     )
     try:
         a, b = _plant_step(plant)
-        if not np.all(np.isfinite(a)):  # so long a period that the fall overflows
-            a, b = np.full((3, 3), inf), np.zeros(3)
-        law = _law_step(config, seconds(config.period_ns))
     except ArithmeticError:
-        a, law = np.full((3, 3), nan), None
-    linearise(simulator.body)  # says so if it is the plant that cannot be
-    if law is None or not all(np.all(np.isfinite(part)) for part in law):
-        raise PlanError(
-            f"{law_of(config).name} cannot be linearised about the upright: its command is not finite there"
-        )
+        a, b = np.full((3, 3), inf), np.zeros(3)
+    if not np.all(np.isfinite(a)):  # so long a period that the fall overflows
+        a, b = np.full((3, 3), inf), np.zeros(3)
+    dt = seconds(config.period_ns)
+    (law,) = law_slopes(law_of(config), config.constants, config.limits, dt, [Hip()])
+    m = len(law) - 1
+    parts = law[:m, :m], law[:m, m:], law[m, :m], law[m, m:]
     every = max(1, round(config.period_ns / simulator.period_ns))
     # The sensors' delay in whole control periods, and what is left: so many plant periods before a sample.
     whole, early = divmod(simulator.delay_steps, every)
@@ -246,7 +248,12 @@ def loop_of(
         before, held = _power(a, b, every - early)
         c, d, whole = c @ before, c @ held, whole + 1
     return LinearLoop(
-        *_power(a, b, every), c, d, *_remembered(*law), seconds(every * simulator.period_ns), whole
+        *_power(a, b, every),
+        c,
+        d,
+        *_remembered(*parts),
+        seconds(every * simulator.period_ns),
+        whole,
     )
 
 
@@ -265,32 +272,49 @@ def _plant_step(plant: Plant) -> tuple[Floats, Floats]:
     return slopes[:, :3], slopes[:, 3]
 
 
-def _law_step(config: ControllerConfig, dt: float) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return F, G, H, J of a law at rest at the reference 0, its limits out of the way."""
-    law = law_of(config)
-    limits = config.limits._replace(u_min=-inf, u_max=inf)
-    constants = config.constants
+def law_slopes(
+    law: Law, constants: Constants, limits: Limits, dt: float, hips: Sequence[Hip]
+) -> Floats:
+    """Return the Jacobians [hips, m + 1, m + 3] of a law's updates at rest, its limits out of the way.
+
+    Of the m floats in its memory, and its command, by this memory, angle, rate and reference. The hip passes
+    through ``hips``, period by period. Raises PlanError for a law that cannot be linearised.
+    """
+    limits = limits._replace(u_min=-inf, u_max=inf)
+
+    def rest(hip: Hip) -> Sample:
+        return Sample(0.0, 0.0, 0.0, dt, hip)
+
     memory = law.memory
-    for _ in range(_SETTLED):
-        memory, _ = law.update(memory, Sample(0.0, 0.0, 0.0, dt, Hip()), constants, limits)
-    fields = memory._asdict()
-    names = [name for name, value in fields.items() if isinstance(value, float)]
-    for name in fields.keys() - names:
-        if not isinstance(fields[name], bool):
-            raise PlanError(
-                f"{law.name} cannot be linearised: its memory's {name} is {fields[name]!r}, not a float"
-            )
+    try:
+        for k in range(-_SETTLED, 0):
+            memory, _ = law.update(memory, rest(hips[k % len(hips)]), constants, limits)
+        fields = memory._asdict()
+        names = [name for name, value in fields.items() if isinstance(value, float)]
+        for name in fields.keys() - names:
+            if not isinstance(fields[name], bool):
+                text = f"its memory's {name} is {shortened(repr(fields[name]))}, not a float"
+                raise PlanError(f"{law.name} cannot be linearised: {text}")
 
-    def step(values: Floats) -> tuple[float, ...]:
-        *remembered, theta, rate, reference = values.tolist()
-        before = memory._replace(**dict(zip(names, remembered, strict=True)))
-        sample = Sample(reference, theta, rate, dt, Hip())
-        after, terms = law.update(before, sample, constants, limits)
-        return (*(getattr(after, name) for name in names), nan if terms.held else terms.effort)
+        def step(values: Floats, memory: LawMemory, hip: Hip) -> tuple[float, ...]:
+            *remembered, theta, rate, reference = values.tolist()
+            before = memory._replace(**dict(zip(names, remembered, strict=True)))
+            sample = Sample(reference, theta, rate, dt, hip)
+            after, terms = law.update(before, sample, constants, limits)
+            return (*(getattr(after, name) for name in names), nan if terms.held else terms.effort)
 
-    m = len(names)
-    slopes = _slopes(step, np.array([*(getattr(memory, name) for name in names), 0.0, 0.0, 0.0]))
-    return slopes[:m, :m], slopes[:m, m:], slopes[m, :m], slopes[m, m:]
+        slopes = []
+        for hip in hips:
+            at = np.array([*(getattr(memory, name) for name in names), 0.0, 0.0, 0.0])
+            slopes.append(_slopes(partial(step, memory=memory, hip=hip), at))
+            memory, _ = law.update(memory, rest(hip), constants, limits)
+    except ArithmeticError:
+        slopes = [np.array(nan)]
+    if not np.all(np.isfinite(slopes)):
+        raise PlanError(
+            f"{law.name} cannot be linearised about the upright: its command is not finite there"
+        )
+    return np.array(slopes)
 
 
 def _slopes(function: Callable[[Floats], tuple[float, ...]], at: Floats) -> Floats:
