@@ -85,6 +85,16 @@ def test_panels(path):
 
 
 @pytest.mark.slow
+def test_a_map_has_the_magnitudes_that_are_compared(path):
+    results = Results.read(path)
+    metric = "steady_state_error_mean_deg"
+    (pid, _) = panels(results, metric, ("delay",), with_floquet=False)
+    runs = results.of("pid")
+    stood = runs.only((runs.fallen == 0.0) & (runs.column("delay") == pid.x[0]))
+    assert pid.values[0, 0] == pytest.approx(np.abs(stood.column(metric)).mean())
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more", [[], ["--no-floquet", "--metric", "iae", "--x", "gain", "--y", "delay"]]
 )

@@ -54,6 +54,12 @@ def found(runner, n=128, metrics=("iae",)):
     return {(one.controller, one.metric): one for one in some}
 
 
+def test_the_smallest_angle_keeps_its_sign():
+    some = found(runner_of(lambda row: row["a"] + row["b"] - 3.0), metrics=("theta_min_deg",))
+    first = {i.name: i.first.value for i in some["pid", "theta_min_deg"].parameters}
+    assert (first["a"], first["b"]) == pytest.approx((0.5, 0.5), abs=0.1)
+
+
 def test_indices_of_a_sum_and_a_product_are_found():
     def metric(row):
         if row["controller"] == "pid":

@@ -64,7 +64,7 @@ class MapPanel:
     controller: str
     x: Annotated[Floats, _LIST]
     y: Annotated[Floats, _LIST]
-    values: Annotated[Floats, _ROWS, "Mean of the metric over the draws that did not fall"]
+    values: Annotated[Floats, _ROWS, "Mean over the draws that stood, as in `study compare`"]
     fallen: Annotated[Floats, _ROWS, "Fraction of the draws that fell"]
     draws: Annotated[int, OMITTED]  # of a point, at most
     quiet: Annotated[Floats, OMITTED]  # RMS at the end, deg, mean; infinite where all fell
@@ -118,7 +118,7 @@ def _panel(
     if len(axes) > 1:
         y, j = np.unique(results.column(axes[1]), return_inverse=True)
     fallen = results.fallen
-    upright = np.where(fallen == 0.0, results.column(metric), np.nan)
+    upright = np.where(fallen == 0.0, results.judged(metric), np.nan)
     rms = np.where(fallen == 0.0, results.column("steady_state_error_rms_deg"), np.inf)
 
     def mean(values: Floats) -> Floats:
@@ -139,13 +139,15 @@ def _growth(results: Results, axes: Sequence[str], progress: Progress) -> Mappin
     beside = [0.0] * (2 - len(axes))  # over one variable there is one row
     x, y = [np.unique(results.column(axis)).tolist() for axis in axes] + [[0.0]] * len(beside)
     plans: dict[tuple[str, float, float], RunPlan | None] = {}
-    for row in rows_of(design(study, 0, study.total)):
-        at_x, at_y = [float(row[axis]) for axis in axes] + beside
-        place = row["controller"], at_x, at_y
-        if place not in plans:
-            plans[place] = None  # refused, and not run either
-            with suppress(ParameterError):
-                plans[place] = plan_of(study, bases, row)
+    each = study.runs * len(study.contenders)  # rows of a grid point
+    for first in range(0, study.total, each):
+        for row in rows_of(design(study, first, first + len(study.contenders))):
+            at_x, at_y = [float(row[axis]) for axis in axes] + beside
+            place = row["controller"], at_x, at_y
+            if place not in plans:
+                plans[place] = None  # refused, and not run either
+                with suppress(ParameterError):
+                    plans[place] = plan_of(study, bases, row)
     made = {place: plan for place, plan in plans.items() if plan}
     grids: dict[str, Floats] = {}
     growths = _growths(list(made.values()), progress)

@@ -18,7 +18,7 @@ from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_sim.simulation import DivergedError
 
-from ..analysis.metrics import QUANTITIES, Metrics
+from ..analysis.metrics import JUDGED, Metrics
 from ..analysis.run_table import table_and_metrics
 from ..errors import StudyError
 from ..plans.plan import RunPlan
@@ -97,7 +97,7 @@ class Results:
     @property
     def controllers(self) -> tuple[str, ...]:
         """The controllers' labels, in the study's order."""
-        return tuple(dict.fromkeys(self.table.column("controller").to_pylist()))
+        return tuple(pc.unique(self.table["controller"]).to_pylist())
 
     def of(self, controller: str) -> Results:
         """Return one controller's rows."""
@@ -121,13 +121,12 @@ class Results:
         return np.asarray(values, dtype=np.float64)
 
     def judged(self, metric: str) -> Floats:
-        """Return a metric's values, as magnitudes where a smaller magnitude is better.
+        """Return a column of numbers, as magnitudes where a smaller magnitude is better.
 
         The smallest and the largest angle keep their signs. Raises StudyError for another name.
         """
         values = self.column(metric)
-        known = QUANTITIES.get(metric)
-        return values if known and not known.judged else np.abs(values)
+        return np.abs(values) if metric in JUDGED else values
 
     @property
     def fallen(self) -> Floats:
@@ -292,12 +291,12 @@ def study_run(results: Results, run: int) -> StudyRun:
     Raises StudyError for a number that is not in the results, for a run that was refused, and for a row
     that is not the one that the study in the file makes.
     """
-    numbers = results.table["run"].to_pylist()
-    if run not in numbers:
-        raise StudyError(
-            f"{results.path}: no run {run}: they are numbered {min(numbers)} to {max(numbers)}"
-        )
-    row = results.table.slice(numbers.index(run), 1).to_pylist()[0]
+    numbers = results.table["run"]
+    at = pc.index(numbers, run).as_py()
+    if at < 0:
+        first, last = pc.min_max(numbers).as_py().values()
+        raise StudyError(f"{results.path}: no run {run}: they are numbered {first} to {last}")
+    row = results.table.slice(at, 1).to_pylist()[0]
     if row["status"] == "refused":
         raise StudyError(
             f"{results.path}: run {run} was refused and not run: {row['reason']}; give another"

@@ -166,9 +166,9 @@ def _of_one(
     fell = results.fallen == 1.0
     columns, lacking = [], []
     for metric in metrics:
-        values = fell * 1.0 if metric == FELL else np.abs(results.column(metric))
+        values = fell * 1.0 if metric == FELL else results.judged(metric)
         lacks = np.zeros(len(fell), bool) if metric == FELL else fell | np.isnan(values)
-        worst = values[~lacks].max(initial=0.0)
+        worst = max(values[~lacks], key=abs, default=0.0)
         columns.append(np.where(lacks, worst, values))
         lacking.append(int(np.count_nonzero(lacks)))
     parts = np.array(columns).reshape(len(metrics), -1, n)
