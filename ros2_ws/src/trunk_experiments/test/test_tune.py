@@ -14,6 +14,7 @@ from trunk_experiments.cli import trunk
 from trunk_experiments.commands.tune import command
 from trunk_experiments.errors import PlanError, TuningError
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.tuning import search
 from trunk_experiments.tuning.linear import Linear, linearise
 from trunk_experiments.tuning.methods import by_lqr, by_poles, relay, ultimate
 from trunk_experiments.tuning.search import fuzzy_space, gains_space
@@ -218,6 +219,19 @@ def test_a_search_is_reproducible_and_no_worse_than_its_start(controller, tmp_pa
         assert after <= before
     assert texts[0] == texts[1]
     assert make_plan("fig6", controller, [str(tmp_path / "a.yaml")])
+
+
+def test_a_fall_costs_as_a_divergence_does_and_only_the_search_s_runs_count(monkeypatch):
+    made = []
+    real = search.summary_of
+    monkeypatch.setattr(search, "summary_of", lambda *given: made.append(given) or real(*given))
+    fallen = ["simulator.fall.angle=0.05", "simulator.fall.stop=true", "simulator.duration=1.0"]
+    plan = make_plan("fig6", "pid", [], fallen, {"update_rate": 200.0})
+    told = []
+    found = search.search([plan], "effort", 1, 2, 1, lambda *progress: told.append(progress))
+    assert found.before == search.FAILED
+    assert told == [(1, found.after)]
+    assert found.runs == len(made) == 1 + 2 * 6
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from math import inf, log10
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import differential_evolution
+from scipy.optimize import OptimizeResult, differential_evolution
 
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.fuzzy_pid import FuzzyPidConfig
@@ -23,12 +23,12 @@ from trunk_msgs_util.parameters.declarations import (
 )
 from trunk_msgs_util.recording.joint_table import Floats
 
-from ..batch.block import wrong_duration
+from ..batch.block import summary_of, wrong_duration
 from ..batch.compiled_run import Batch
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 
-FAILED = 1e9  # cost of a run that diverges or lacks the metric
+FAILED = 1e9  # cost of a run that falls, diverges or lacks the metric
 
 
 class Optimum(NamedTuple):
@@ -159,8 +159,8 @@ def search(
 ) -> Optimum:
     """Return the parameters of the plans' controller with the smallest mean metric over the plans.
 
-    The same seed gives the same result. ``progress`` is called with the generation and the best cost so far.
-    Raises PlanError for a plan without an end, or too long a one.
+    The same seed gives the same result. A fall costs as much as a divergence. ``progress`` is called with the
+    generation and the best cost so far. Raises PlanError for a plan without an end, or too long a one.
     """
     for plan in plans:
         wrong = wrong_duration(plan.simulator.duration, plan.simulator.update_rate)
@@ -177,15 +177,15 @@ def search(
         for plan in plans:
             runs += 1
             tried = changed(plan.controller, values)
-            outcome = batch.run(plan.with_controller(tried)).metrics()
-            value = None if outcome is None else getattr(outcome, metric)
+            outcome = summary_of(plan.with_controller(tried), batch)
+            value = getattr(outcome.metrics, metric) if outcome.stood else None
             total += FAILED if value in (None, inf) else abs(float(value))
         return total / len(plans)
 
     generations_done = count(1)
 
-    def heard(x: Floats, convergence: float = 0.0) -> None:
-        progress(next(generations_done), cost(x))
+    def heard(intermediate_result: OptimizeResult) -> None:  # the name tells SciPy what to give
+        progress(next(generations_done), float(intermediate_result.fun))
 
     start = np.array(space.start)
     start_cost = cost(start)
