@@ -107,6 +107,19 @@ MISTAKES = {
         HEAD + DELAY.replace("delay:", "draw:"),
         "vary.draw: is not a column name",
     ),
+    "a metric's name": (HEAD + DELAY.replace("delay:", "iae:"), "vary.iae: is not a column name"),
+    "a controller twice": (
+        HEAD.replace("pid", "pid, pid") + DELAY,
+        "controllers: pid is there twice: give each a label, LABEL: {node: pid}",
+    ),
+    "a list of no names": (
+        HEAD.replace("pid", "{pid: {}}") + DELAY,
+        "controllers: is [{'pid': {}}]: a list of strings is needed",
+    ),
+    "integers beyond doubles": (
+        vary("parameter: simulator.sensor.seed, distribution: integers, low: 1, high: 1.0e+300"),
+        "vary.v: distribution integers: low 1 to high 1e+300: at most 2^53 either way",
+    ),
     "mixed": (
         vary("parameter: simulator.hip.mode, values: [passive, 2]"),
         "all numbers, all strings or all bools are needed",

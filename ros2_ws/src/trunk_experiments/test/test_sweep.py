@@ -12,6 +12,7 @@ import subprocess
 import sys
 from importlib.util import find_spec
 from math import inf
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
@@ -436,6 +437,21 @@ def test_what_decides_no_number_does_not_discard_a_sweep(own_study, tmp_path, ch
     interrupted(own_study, tmp_path / "out.parquet")
     change(f"trunk_experiments/{name}")
     assert SweepJob(own_study, tmp_path / "out.parquet").start() == 3
+
+
+def test_what_is_no_file_is_refused_before_any_run(own_study):
+    with pytest.raises(StudyError, match=r"/dev/null: not a regular file: name a new \.parquet"):
+        SweepJob(own_study, Path("/dev/null")).check()
+
+
+def test_a_block_under_another_s_name_is_not_merged(own_study, tmp_path):
+    sweep = interrupted(own_study, tmp_path / "out.parquet")
+    sweep.run(processes(1))
+    shutil.copy(sweep.folder / "00000000.parquet", sweep.folder / "00000001.parquet")
+    with pytest.raises(
+        SweepError, match=r"00000001\.parquet: holds runs of another study, another b"
+    ):
+        sweep.finish()
 
 
 def test_a_file_in_place_of_the_folder_is_refused(own_study, tmp_path):

@@ -46,6 +46,7 @@ RESERVED = (
     *("run", "controller", "point", "draw", "seed"),
     *("status", "reason", "fell", "diverged_at_s", *QUANTITIES),
 )
+_EXACT = 2.0**53
 _SMALLEST = 2.0**-54  # instead of 0, at which a normal variable is -inf
 # What each needs, and what it may have.
 DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -77,6 +78,10 @@ class Distribution:
             raise DrawError(f"std is {self.std:g}: a number > 0 is needed")
         if self.kind == "integers" and (self.low % 1.0 or self.high % 1.0):
             raise DrawError(f"low {self.low:g} and high {self.high:g} must be whole numbers")
+        if self.kind == "integers" and max(-self.low, self.high) > _EXACT:
+            raise DrawError(
+                f"low {self.low:g} to high {self.high:g}: at most 2^53 either way, exact as a double"
+            )
 
     def draw(self, count: int, seed: int, name: str) -> list[Any]:
         """Return ``count`` values of the stream of a seed and a name.
@@ -385,7 +390,12 @@ class _Reader:
         )
 
     def contenders(self, value: object) -> tuple[ContenderSpec, ...]:
-        entries = dict.fromkeys(value) if isinstance(value, list) else value
+        entries = value
+        if isinstance(value, list):
+            entries = dict.fromkeys(names := self.texts(value, "controllers"))
+            if twice := [name for name in entries if names.count(name) > 1]:
+                text = f"{twice[0]} is there twice: give each a label, LABEL: {{node: {twice[0]}}}"
+                raise self.error("controllers", text)
         by_label = self.mapping(entries, "controllers")
         if not by_label:
             raise self.error("controllers", f"is empty: name some of {', '.join(CONTROLLERS)}")

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from trunk_control.laws import law_named
@@ -115,6 +116,8 @@ class SweepJob:
 
         Raises StudyError for a study that is not possible, or if finished blocks belong to another study.
         """
+        if self.output.exists() and not self.output.is_file():
+            raise StudyError(f"{self.output}: not a regular file: name a new .parquet file")
         self.bases = make_bases(self.study)
         self._identity = identity(self.study, self.bases)
         self._key = {_PROGRAM: sources(), _CONTENT: digest(self._identity)}
@@ -212,10 +215,11 @@ class SweepJob:
             raise SweepError(
                 f"{path}: cannot be read: delete it, and run the same command again"
             ) from None
-        if not self._ours(table.schema):
+        runs = np.array(self._rows(index))
+        if not self._ours(table.schema) or not np.array_equal(table["run"].to_numpy(), runs):
             raise SweepError(
-                f"{path}: holds runs of another study or other sources: delete it, and run the "
-                "same command again"
+                f"{path}: holds runs of another study, another block or other sources: delete it, and "
+                "run the same command again"
             )
         return table
 
@@ -338,5 +342,5 @@ def _lost(block: int, reason: Exception, killed: type[Exception]) -> str:
 
 def outcome_counts(path: Path) -> dict[str, int]:
     """Return how many runs of a result ended in each status."""
-    statuses = pq.read_table(path, columns=["status"]).column("status").to_pylist()
-    return {name: statuses.count(name) for name in ("ok", "diverged", "refused")}
+    status = pq.read_table(path, columns=["status"])["status"]
+    return {name: pc.sum(pc.equal(status, name)).as_py() for name in ("ok", "diverged", "refused")}
