@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from trunk_experiments.commands import branch as branch_verb
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.pushes import Push, parse_push, pushed
 from trunk_experiments.recorded.run import branch_of
@@ -81,6 +82,13 @@ def test_refused_branches_leave_nothing(parent, tmp_path, command_says):
         command_says("branch", parent, "--at", 0.9, *long, *grid, "-o", tmp_path / "long")[0] == 0
     )
     assert len(list((tmp_path / "long").iterdir())) == 2
+
+
+def test_checking_many_branches_is_said(parent, tmp_path, command_says, monkeypatch):
+    monkeypatch.setattr(branch_verb, "_MANY", 3)
+    words = ("--at", 0.1, "--grid", "simulator.max_effort=3,4,5,-4", "-o", tmp_path / "folder")
+    _, _, told = command_says("branch", parent, *words)
+    assert "trunk: checking branches: 75 %" in told
 
 
 def test_one_branch_goes_into_a_folder_too(parent, tmp_path, command_says):

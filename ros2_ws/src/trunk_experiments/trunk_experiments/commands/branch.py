@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ..recorded.run import RecordedRun
 
 _LONG = 100_000  # states, which take seconds
+_MANY = 1000  # branches, as long
 _NAME = 120  # characters of a file's name
 
 
@@ -123,10 +124,16 @@ def command(
     Disturbances, references, noise and later events stay as recorded. The branch names its parent, and
     verifies.
     """
+    from ..console.progress import progress_bar
+
     branches = fanned(list(_branches(ctx)), grid)
     paths = _paths(branches, run, output, force)
     parent = open_run(run, whole=True)
-    plans = [_planned(parent, branch, duration) for branch in branches]
+    plans = []
+    with progress_bar("checking branches", _MANY) as tell:
+        for branch in branches:
+            plans.append(_planned(parent, branch, duration))
+            tell(len(plans), len(branches))
     if output not in paths:
         output.mkdir(parents=True, exist_ok=True)
     written: list[BranchedRun] = []
@@ -184,12 +191,14 @@ def _paths(branches: list[Branch], run: Path, output: Path, force: bool) -> list
     if len(branches) > 1 and output.suffix.lower() == ".mcap":
         raise PlanError(f"--output {output}: {len(branches)} branches: name a folder")
     check_folder(output, force)
-    names: list[str] = []
+    known: set[Branch] = set()
+    names: dict[str, None] = {}
     for i, branch in enumerate(branches):
-        if branch in branches[:i]:
+        if branch in known:
             raise PlanError(f"two branches are the same: at {branch.at:g} s, {branch.describe()}")
+        known.add(branch)
         name = _name(branch)
-        names.append(f"{name}_{i + 1}" if name in names else name)
+        names[f"{name}_{i + 1}" if name in names else name] = None
     for name in names if output.is_dir() else ():
         check_output(output / f"{name}.mcap", (".mcap",), force, [run])
     return [output / f"{name}.mcap" for name in names]
