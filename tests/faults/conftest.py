@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from ..graph.conftest import children, domain, domains, patient, peer
+from ..graph.conftest import arguments, children, domain, domains, patient, peer
 from . import matrix
 
-__all__ = ["children", "domain", "domains", "patient", "peer"]
+__all__ = ["arguments", "children", "domain", "domains", "patient", "peer"]
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import os
+import re
+import signal
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from trunk_control.controller_node import ControllerNode
+from trunk_control.pid import LAW
 from trunk_msgs_util.node import middleware
+from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.reader import Recording
 
 from ..failed import FAILED
-from ..graph.processes import PATIENT, Children
+from ..graph.processes import PATIENT, Children, until
 
 pytestmark = pytest.mark.graph
 
@@ -78,6 +84,50 @@ def test_no_message_goes_through_shared_memory(
     assert "librmw_fastrtps" in mapped
     assert "fastrtps_port" not in mapped
     assert node.stop() == 0
+
+
+def taken_by(pids: Iterable[int]) -> set[Path]:
+    """Return the files of Fast DDS's shared memory that processes use, one of each participant."""
+    found: set[str] = set()
+    for pid in pids:
+        with suppress(OSError):  # it has ended
+            found.update(re.findall("/dev/shm/fastrtps_.*", Path(f"/proc/{pid}/maps").read_text()))
+    return {Path(file) for file in found}
+
+
+RUN = ("run", "demo", "--output", "run")
+ENDS = {
+    "lock-step": (5, (*RUN, "--lockstep", "--duration", 3), 0),
+    "composed": (2, (*RUN, "--composed", "--duration", 3), 0),
+    "real time": (5, (*RUN, "--duration", 3), 0),
+    "Ctrl-C": (5, RUN, signal.SIGINT),
+    "node, SIGINT": (1, "simulator", signal.SIGINT),
+    "node, SIGTERM": (1, "simulator", signal.SIGTERM),
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_no_shared_memory_is_left(children: Children, end: str) -> None:
+    participants, started, number = ENDS[end]
+    child = children.node(started) if isinstance(started, str) else children.trunk(*started)
+    taken: set[Path] = set()
+
+    def all_met() -> bool:
+        taken.update(taken_by(children.pids()))
+        return len(taken) == participants or not child.alive
+
+    until(all_met, f"{participants} participants")
+    child.stop(number) if number else child.wait()
+    assert taken
+    assert [file for file in taken if file.exists()] == []
+
+
+def test_a_refused_node_leaves_no_shared_memory(arguments: Callable[..., None]) -> None:
+    before = taken_by([os.getpid()])
+    arguments("gains.p:=-7.0")
+    with pytest.raises(ParameterError):
+        ControllerNode(LAW)
+    assert taken_by([os.getpid()]) == before
 
 
 def test_the_users_settings_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:

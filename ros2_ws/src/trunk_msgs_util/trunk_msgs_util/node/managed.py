@@ -41,6 +41,11 @@ class ManagedNode(LifecycleNode):
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
 
+    def destroy_node(self) -> None:
+        """Destroy all of the node: rclpy leaves its state machine, and with it DDS's shared memory."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     def keep_permanent(self) -> None:
         """Keep the present topics, services and timers for as long as the node exists."""
         self._permanent = {id(entity) for entity in self._entities()}

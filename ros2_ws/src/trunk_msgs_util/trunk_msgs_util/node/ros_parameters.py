@@ -104,7 +104,7 @@ class NodeParameters(Generic[Config]):
         on_change: Callable[[Config, Config], None],
         barred: Callable[[], str] = lambda: "",
     ) -> None:
-        """Declare everything. Raises ParameterError for a bad value; warns of unknown names.
+        """Declare everything. Raises ParameterError for a bad value: the node is gone. Warns of odd names.
 
         ``barred`` returns why nothing may be changed now; empty if changes are allowed.
         A CSV file that only plans read is refused, not ignored.
@@ -116,7 +116,11 @@ class NodeParameters(Generic[Config]):
         self._barred = barred
         # The only place where rclpy keeps overrides of any type, and those that nothing declares.
         self._overrides: Mapping[str, object] = node._parameter_overrides
-        self.config = build(config_class, self._take_overrides())
+        try:
+            self.config = build(config_class, self._take_overrides())
+        except ParameterError:
+            node.destroy_node()  # nobody else can: its constructor will not return
+            raise
         for name, value in values_of(self.config).items():
             self._declare(self._declared[name], value)
         node.add_pre_set_parameters_callback(self.prepared)

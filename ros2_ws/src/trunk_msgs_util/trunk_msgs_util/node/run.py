@@ -116,20 +116,20 @@ def run_beside(
     Return the process's exit code, as `run_nodes` does.
     """
     shutdown = Shutdown()
-    try:
-        _initialize(program, sys.argv)
-        node = create()
-        _check_settings([node], sys.argv)
-    except (TrunkError, RuntimeError, ValueError) as error:
-        rclpy.try_shutdown()
-        return _say(program, error, getattr(error, "exit_code", EXIT_USAGE))
-    executor = LoopExecutor()
-    executor.add_node(node)
-    while not shutdown.requested:
-        turn(node, executor)
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.try_shutdown()
+    with ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown)
+        try:
+            _initialize(program, sys.argv)
+            node = create()
+            stack.callback(node.destroy_node)
+            _check_settings([node], sys.argv)
+        except (TrunkError, RuntimeError, ValueError) as error:
+            return _say(program, error, getattr(error, "exit_code", EXIT_USAGE))
+        executor = LoopExecutor()
+        executor.add_node(node)
+        while not shutdown.requested:
+            turn(node, executor)
+        executor.shutdown()
     shutdown.ended()
     return 0
 
