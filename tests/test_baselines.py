@@ -66,6 +66,6 @@ def test_the_bound_of_the_sampled_loop_includes_the_models_inertia():
 
 def test_a_controller_of_another_joint_is_refused():
     with pytest.raises(
-        PlanError, match="pid: joint 'hip': the simulator takes commands only for 'trunk'"
+        PlanError, match="pid: joint 'hip' is not the second of the simulator's joints: hip, trunk"
     ):
         make_plan("fig6", "pid", settings=["pid.joint=hip"])

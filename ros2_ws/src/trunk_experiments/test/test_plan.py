@@ -144,7 +144,25 @@ BAD = {
         ("fig6", "pid", [], ["pid.joint=knee"]),
         {},
         PlanError,
-        "the simulator takes commands",
+        "pid: joint 'knee' is not the second of the simulator's joints: hip, trunk",
+    ),
+    "another joint of the reference": (
+        ("fig7", "pid", [], ["reference.joint=knee"]),
+        {"external": ""},
+        PlanError,
+        "reference: joint 'knee' is not the second of the simulator's joints",
+    ),
+    "other joints of the simulator": (
+        ("demo", "pid", [], ["simulator.joints=[hip, torso]", "pid.joint=torso"]),
+        {},
+        PlanError,
+        "disturbance: joints hip, trunk are not the simulator's joints: hip, torso",
+    ),
+    "one name for both joints": (
+        ("fig6", "pid", [], ["simulator.joints=[trunk, trunk]"]),
+        {},
+        ParameterFileError,
+        "two names",
     ),
     "a negative duration": (
         ("fig6", "pid"),
@@ -196,6 +214,16 @@ def test_infinity_may_be_written_without_a_dot(text):
         make_plan("fig6", "pid", settings=[f"simulator.max_effort={text}"]).simulator.max_effort
         == math.inf
     )
+
+
+def test_the_same_joints_in_another_order_are_the_same():
+    plan = make_plan("demo", "pid", settings=["disturbance.joints=[trunk, hip]"])
+    assert plan == make_plan("demo", "pid")
+
+
+def test_a_disturbance_that_does_nothing_may_name_other_joints():
+    settings = ["simulator.joints=[hip, torso]", "pid.joint=torso"]
+    assert make_plan("fig6", "pid", settings=settings).disturbance is None
 
 
 def test_a_disturbance_is_published_one_plant_step_ahead(tmp_path):

@@ -360,6 +360,8 @@ class SimulatorConfig(ManagedConfig):
         if self.lockstep and "effort_command" not in self.wait_for:
             needed = "effort_command among them, as lockstep.enabled is true"
             raise ParameterError("wait_for", self.wait_for, needed)
+        if self.joints[0] == self.joints[1]:
+            raise ParameterError("joints", self.joints, "two names, the hip's and the trunk's")
         x, theta = self.initial_position
         if max(abs(x * self.wavenumber), abs(theta)) > LARGEST_ANGLE:
             raise ParameterError(

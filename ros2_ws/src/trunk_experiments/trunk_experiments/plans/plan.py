@@ -291,6 +291,8 @@ def make_plan(
     simulator = resolved["simulator"].config
     # It publishes one plant step ahead: at another rate, its last message would not be for any step.
     disturbance = with_values(resolved["disturbance"].config, update_rate=simulator.update_rate)
+    if set(disturbance.joints) == set(simulator.joints):  # the simulator takes one order
+        disturbance = with_values(disturbance, joints=simulator.joints)
     end = simulator.duration or inf
     if pushes:
         disturbance = with_pushes(disturbance, pushes, end)
@@ -376,19 +378,19 @@ def _checked(
 
 
 def check_joints(plan: RunPlan) -> None:
-    """Raise PlanError if a controller's joint is not the trunk's, or its hip not one of the simulator's."""
+    """Raise PlanError if a node's joint is not the trunk's, or another not one of the simulator's."""
     joints = plan.simulator.joints
+    named = f"the simulator's joints: {', '.join(joints)}"
+    if plan.disturbance is not None and set(plan.disturbance.joints) != set(joints):
+        others = ", ".join(plan.disturbance.joints)
+        raise PlanError(f"disturbance: joints {others} are not {named}: set disturbance.joints too")
     for name, controller in plan.controllers.items():
         if controller.hip is not None and controller.hip not in joints:
-            raise PlanError(
-                f"{name}: hip_joint {controller.hip!r} is not one of the simulator's joints: "
-                f"{', '.join(joints)}"
-            )
-        if controller.joint != joints[1]:
-            raise PlanError(
-                f"{name}: joint {controller.joint!r}: the simulator takes commands only for "
-                f"{joints[1]!r}"
-            )
+            raise PlanError(f"{name}: hip_joint {controller.hip!r} is not one of {named}")
+    reference = {} if plan.reference is None else {"reference": plan.reference}
+    for name, config in {**plan.controllers, **reference}.items():
+        if config.joint != joints[1]:
+            raise PlanError(f"{name}: joint {config.joint!r} is not the second of {named}")
 
 
 def check_turns(plan: RunPlan, standby: Collection[str] = ()) -> None:
