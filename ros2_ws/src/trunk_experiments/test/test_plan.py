@@ -164,6 +164,24 @@ BAD = {
         ParameterFileError,
         "two names",
     ),
+    "a text that ROS 2 reads as false": (
+        ("fig6", "pid", [], ["pid.joint=N"]),
+        {},
+        ParameterFileError,
+        "--set pid.joint=N: pid: parameter 'joint': False is not allowed: string; a text that reads as",
+    ),
+    "digits with an underscore": (
+        ("fig6", "pid", [], ["simulator.plant.length=1_0"]),
+        {},
+        ParameterFileError,
+        "'1_0' is not allowed: double",
+    ),
+    "more than the largest number": (
+        ("fig6", "pid", [], ["simulator.max_effort=1e400"]),
+        {},
+        ParameterFileError,
+        "'1e400' is not allowed: double",
+    ),
     "a negative duration": (
         ("fig6", "pid"),
         {"everywhere": {"duration": -1.0}},
@@ -198,7 +216,7 @@ def test_a_controller_slower_than_the_plant_is_allowed():
 
 
 @pytest.mark.parametrize(
-    "value", ["[1", "? [a]", "&a [*a]", "[" * 5000, "0x_", "2026-13-45", "!!int ''"], ids=repr
+    "value", ["[1", "? [a]", "&a [*a]", "[" * 5000, "!!int 1_0", "!!int ''"], ids=repr
 )
 def test_a_value_that_is_not_yaml_gives_one_short_line(value):
     with pytest.raises(
@@ -208,7 +226,7 @@ def test_a_value_that_is_not_yaml_gives_one_short_line(value):
     assert len(str(caught.value)) < 250
 
 
-@pytest.mark.parametrize("text", ["inf", ".inf", "1e400"])
+@pytest.mark.parametrize("text", ["inf", ".inf", "+Infinity"])
 def test_infinity_may_be_written_without_a_dot(text):
     assert (
         make_plan("fig6", "pid", settings=[f"simulator.max_effort={text}"]).simulator.max_effort

@@ -32,7 +32,6 @@ MISTAKES = {
     "an endless study": ("&a [*a]\n", "line 1: an alias, '*a'"),
     "a deep study": ("[" * 5000, "line 1: nested more than 50 deep"),
     "a key twice": (HEAD + HEAD, "line 3: 'scenario' appears twice"),
-    "no such date": (HEAD + "params: 2026-13-45\n", "line 3: '2026-13-45' is no"),
     "unknown key": (HEAD + DELAY + "run: 3\n", "unknown key 'run': one of scenario"),
     "no scenario": ("controllers: [pid]\n" + DELAY, "scenario: missing"),
     "no controller": (HEAD.replace("pid", "pod") + DELAY, "controllers.pod: is 'pod': pid, fuzzy"),

@@ -1,8 +1,7 @@
 from __future__ import annotations
 
-import math
-
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -36,21 +35,68 @@ def test_patterns_mean_the_same_as_in_rcl(pattern, node, expected):
     assert Section(pattern, {}).matches(node) is expected
 
 
-@pytest.mark.parametrize(("pattern", "node", "expected"), MATCHES)
-def test_rcl_agrees(pattern, node, expected, tmp_path):
+def by_rcl(path, node):
+    """Return the values that rcl reads in a file for a node, by name."""
     rclpy = pytest.importorskip("rclpy")
-    path = tmp_path / "p.yaml"
-    path.write_text(f"{pattern}:\n  ros__parameters:\n    x: 1.5\n")
     context = rclpy.Context()
     rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
+    namespace, _, name = node.rpartition("/")
     try:
-        namespace, _, name = node.rpartition("/")
-        made = rclpy.create_node(name, namespace=namespace or "/", context=context)
-        found = made.declare_parameter("x", 0.0).value == 1.5
+        made = rclpy.create_node(
+            name,
+            namespace=namespace or "/",
+            context=context,
+            automatically_declare_parameters_from_overrides=True,
+        )
+        values = {name: found.value for name, found in made.get_parameters_by_prefix("").items()}
         made.destroy_node()
     finally:
         context.try_shutdown()
-    assert found is expected
+    return values
+
+
+@pytest.mark.parametrize(("pattern", "node", "expected"), MATCHES)
+def test_rcl_agrees(pattern, node, expected, tmp_path):
+    path = tmp_path / "p.yaml"
+    path.write_text(f"{pattern}:\n  ros__parameters:\n    x: 1.5\n")
+    assert (by_rcl(path, node).get("x") == 1.5) is expected
+
+
+TEXT = (
+    "y Y n N yes Yes YES yEs no No NO true True TRUE tRue false FALSE on On ON oN off Off OFF t f "
+    "0 -0 +1 010 08 019 0o7 0x1F 0X1F -0x1f 0x 0xG 0b11 1_0 1_0.5 1_ 0x_1 1e5_ 1__0 9223372036854775807 "
+    "-9223372036854775808 9223372036854775808 0x8000000000000000 1777777777777777777777 "
+    "1. .5 +.5 -.5 1e5 1E5 1.e5 1e-5 1e 1e+ e5 . + -- 1e400 -1e400 0e-400 1d5 0x1p3 0x.8 0x1.8P1 "
+    ".inf -.inf +.INF .iNf inf -Inf +INF infinity -Infinity .infinity nan NAN -nan .nan .Nan -.nan "
+    "2026-13-45 2001-01-01 1:30 1:30.5 -12:30:45 = << 1,000 5Hz \u0661 \uff11e5"
+)
+WORDS = TEXT.split()
+
+
+def test_a_word_is_read_as_rcl_reads_it(tmp_path):
+    path = tmp_path / "p.yaml"
+    lines = [f"      w{k}: {word}\n" for k, word in enumerate(WORDS)]
+    path.write_text("n:\n  ros__parameters:\n" + "".join(lines))
+    (section,) = read(path).sections
+    values = by_rcl(path, "/n")
+    for k, word in enumerate(WORDS):
+        assert repr(section.values[f"w{k}"]) == repr(values[f"w{k}"]), word
+
+
+def test_a_text_that_is_written_is_a_text_to_rcl_and_to_others(tmp_path):
+    path = tmp_path / "p.yaml"
+    write(path, {"n": {f"w{k}": word for k, word in enumerate(WORDS)} | {"all": tuple(WORDS)}})
+    for values in (by_rcl(path, "/n"), yaml.safe_load(path.read_text())["n"]["ros__parameters"]):
+        assert list(values["all"]) == WORDS
+        assert [values[f"w{k}"] for k in range(len(WORDS))] == WORDS
+    assert "'y'" in path.read_text()
+    assert "- yEs\n" in path.read_text()  # what nobody takes for anything else has no quotes
+
+
+def test_a_name_is_a_text_whatever_it_looks_like():
+    assert parse("y: {ros__parameters: {on: {1e5: 1}}}", "f").sections == (
+        Section("y", {"on.1e5": 1}),
+    )
 
 
 def test_names_nest_and_later_layers_win():
@@ -58,16 +104,6 @@ def test_names_nest_and_later_layers_win():
     second = parse("robot:\n  node:\n    ros__parameters:\n      a.b: 5\n", "two")
     assert resolve("/robot/node", [first, second], ["a.b", "a.c"]) == {"a.b": 5, "a.c": 2}
     assert resolve("/other", [first, second], ["a.b", "d"]) == {"a.b": 1, "d": 3}
-
-
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [("1e3", 1000.0), (".inf", math.inf), ("-.inf", -math.inf), ("1.5e-3", 0.0015), ("4", 4)],
-)
-def test_numbers_are_read_as_rcl_reads_them(text, value):
-    layer = parse(f"n:\n  ros__parameters:\n    x: {text}\n", "f")
-    assert resolve("/n", [layer], ["x"]) == {"x": value}
-    assert type(resolve("/n", [layer], ["x"])["x"]) is type(value)
 
 
 BROKEN = {
@@ -90,15 +126,12 @@ BROKEN = {
     ),
     "deep lists": ("n: " + "[" * 5000 + "]" * 5000, "line 1: nested more than 50 deep"),
     "deep mappings": ("n: " + "{a: " * 5000 + "}" * 5000, "line 1: nested more than 50 deep"),
-    "no such date": ("n:\n  ros__parameters:\n    x: 2026-13-45\n", "line 3: '2026-13-45' is no"),
-    "no digits": ("n:\n  ros__parameters:\n    x: 0x_\n", "line 3: '0x_' is not a valid int"),
     "no bool": ("n:\n  ros__parameters:\n    x: !!bool q\n", "line 3: 'q' is not a valid bool"),
     "nothing for a number": (
         "n:\n  ros__parameters:\n    x: !!int ''\n",
         "line 3: '' is not a valid int",
     ),
     "no timestamp": ("n:\n  ros__parameters:\n    x: !!timestamp q\n", "line 3: 'q' is no"),
-    "too many digits": ("n: {ros__parameters: {x: " + "9" * 5000 + "}}\n", "line 1: '99"),
     "a control character": ("n: \x01\n", "not YAML"),
     "a tag": ("n:\n  ros__parameters:\n    x: !!python/name:os.system\n", "line 3"),
 }
@@ -189,9 +222,3 @@ def test_a_parameter_that_is_there_twice_is_refused(lines):
         ParameterFileError, match=r"x\.yaml: pid: parameter 'gains\.p' appears twice, dotted"
     ):
         parse(f"pid:\n  ros__parameters:\n    {lines}\n", "x.yaml")
-
-
-@pytest.mark.parametrize("text", ["1:30", "1:30.5", "-12:30:45", "190:20:30"])
-def test_a_number_in_base_60_is_a_text_as_in_rcl(text):
-    layer = parse(f"pid:\n  ros__parameters:\n    a: {text}\n", "x.yaml")
-    assert layer.sections[0].values == {"a": text}

@@ -1,8 +1,9 @@
-"""YAML as this project reads and writes it: plain values, numbers as in rcl, every mistake one line."""
+"""YAML as this project reads and writes it: plain values as in rcl, every mistake one line."""
 
 from __future__ import annotations
 
 import re
+from math import isinf
 from typing import Any
 
 import yaml
@@ -12,10 +13,16 @@ from .text import shortened
 
 MAX_DEPTH = 50  # of nested lists and mappings
 MAX_LETTERS = 1 << 18  # of a text: some seconds of PyYAML's time
-_MAX_INTEGER = 2**63 - 1
-_LONGEST_INTEGER = (
-    100  # characters, with underscores and in binary: longer ones are not even converted
-)
+_TAGS = {kind: f"tag:yaml.org,2002:{kind.__name__}" for kind in (bool, int, float, str)}
+_BOOLEANS = {
+    form: value
+    for value, words in ((True, "y yes true on"), (False, "n no false off"))
+    for word in words.split()
+    for form in (word, word.title(), word.upper())
+}
+_INTEGER = re.compile(r"[-+]?(?:(0[xX][0-9a-fA-F]+)|(0[0-7]*)|[1-9][0-9]*)")
+_HEXADECIMAL = re.compile(r"[-+]?0[xX]")
+_DOTTED = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 
 
 class YamlTextError(TrunkError):
@@ -25,8 +32,8 @@ class YamlTextError(TrunkError):
 def load(text: str, longest: int = MAX_LETTERS) -> Any:
     """Return the value in a YAML text. Raises YamlTextError naming the line.
 
-    As in rcl, ``1e3`` is a number, ``1:30`` a text, and aliases are refused. A key may appear only once in
-    a mapping, integers have 64 bits, and a text has no more characters than ``longest``.
+    Without quotes a value is what `as_rcl` says, but ``null`` and ``~`` are None; a key is a text. Aliases
+    are refused, a key may appear only once in a mapping, and a text has no more characters than ``longest``.
     """
     if len(text) > longest:
         raise YamlTextError(f"{len(text)} characters: at most {longest} are read")
@@ -39,14 +46,50 @@ def load(text: str, longest: int = MAX_LETTERS) -> Any:
         raise YamlTextError(f"not YAML: {' '.join(str(error).split())}") from None
 
 
+def as_rcl(text: str) -> bool | int | float | str:
+    """Return what a node takes a value without quotes for: ``N`` is False, ``1e3`` 1000.0, ``1_0`` a text.
+
+    This is get_value in rcl_yaml_param_parser, with C's strtol and strtod; but numbers below 2.3e-308 are
+    numbers.
+    """
+    if text in _BOOLEANS:
+        return _BOOLEANS[text]
+    if not text.isascii() or "_" in text:
+        return text
+    try:
+        if found := _INTEGER.fullmatch(text):
+            value = int(text, 16 if found[1] else 8 if found[2] else 10)
+            if -(2**63) <= value < 2**63:
+                return value
+        plain = text.replace(".", "") if _DOTTED.fullmatch(text) else text
+        number = float.fromhex(plain) if _HEXADECIMAL.match(plain) else float(plain)
+    except (ValueError, OverflowError):
+        return text
+    return text if isinf(number) and "n" not in text.lower() else number
+
+
 def dump(value: object, **options: Any) -> str:
-    """Return a value as YAML without aliases, mappings in their order; ``options`` are PyYAML's."""
+    """Return a value as YAML without aliases, mappings in their order; ``options`` are PyYAML's.
+
+    A text that PyYAML or rcl would take for something else is in quotes.
+    """
     text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, **options)
     return text
 
 
+def on_one_line(value: object) -> str:
+    """Return a value as YAML on one line, as after ``--set NAME=``."""
+    text = dump(value, default_flow_style=True, width=float("inf"))
+    return text.removesuffix("...\n").strip()
+
+
 class _Dumper(yaml.SafeDumper):
     """Writes equal values out each time: our readers refuse aliases."""
+
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
+        tag = super().resolve(kind, value, implicit)
+        text = kind is yaml.ScalarNode and implicit[0] and tag == _TAGS[str]
+        return _TAGS[type(as_rcl(value))] if text else tag
 
     def ignore_aliases(self, data: object) -> bool:
         return True
@@ -69,19 +112,25 @@ class _Loader(yaml.SafeLoader):
         self._depth -= 1
         return node
 
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
+        tag = super().resolve(kind, value, implicit)
+        if kind is not yaml.ScalarNode or not implicit[0] or tag == "tag:yaml.org,2002:null":
+            return tag
+        return _TAGS[type(as_rcl(value))]
+
     def construct_object(self, node: Any, deep: bool = False) -> Any:
-        if node.tag.endswith((":int", ":float")) and ":" in node.value:
-            return node.value  # YAML 1.1 takes 1:30 for 90; rcl, YAML 1.2 and most people do not
-        if node.tag.endswith(":int") and len(node.value) > _LONGEST_INTEGER:
-            raise _mistake(f"{shortened(node.value)!r} is not a 64-bit integer", node.start_mark)
         try:
-            value = super().construct_object(node, deep)
-        except (ValueError, LookupError, AttributeError):  # "0x_", "!!bool q", "2026-13-45"
+            return super().construct_object(node, deep)
+        except (ValueError, LookupError, AttributeError):  # "!!bool q", "!!timestamp 2026-13-45"
             kind = node.tag.rsplit(":", 1)[-1]
             quoted = shortened(str(node.value))
             raise _mistake(f"{quoted!r} is not a valid {kind}", node.start_mark) from None
-        if isinstance(value, int) and abs(value) > _MAX_INTEGER:
-            raise _mistake(f"{shortened(node.value)!r} is not a 64-bit integer", node.start_mark)
+
+    def plain(self, node: Any) -> bool | int | float:
+        """Return a boolean or a number. Raises ValueError for a text that is marked as one."""
+        value = as_rcl(self.construct_scalar(node))
+        if isinstance(value, str):
+            raise ValueError(value)
         return value
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
@@ -89,6 +138,7 @@ class _Loader(yaml.SafeLoader):
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 raise _mistake("a list or mapping as a key: use a name", key.start_mark)
+            key.tag = _TAGS[str]
             if key.value in seen:
                 raise _mistake(f"{shortened(key.value)!r} appears twice", key.start_mark)
             seen.add(key.value)
@@ -100,8 +150,5 @@ def _mistake(problem: str, mark: Any) -> yaml.MarkedYAMLError:
     return yaml.constructor.ConstructorError(problem=problem, problem_mark=mark)
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-    list("-+.0123456789"),
-)
+for _kind in (bool, int, float):
+    _Loader.add_constructor(_TAGS[_kind], _Loader.plain)

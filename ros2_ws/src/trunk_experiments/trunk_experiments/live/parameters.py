@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, NamedTuple
 
-import yaml
-
 from trunk_msgs_util.parameters.csv_files import numbers_for
 from trunk_msgs_util.parameters.declarations import (
     Declaration,
@@ -20,6 +18,7 @@ from trunk_msgs_util.parameters.declarations import (
 )
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 from trunk_msgs_util.parameters.to_si import to_si, written_with_units
+from trunk_msgs_util.yaml_text import on_one_line
 
 from ..errors import PlanError
 
@@ -34,13 +33,7 @@ class LiveChange(NamedTuple):
 
     def __str__(self) -> str:
         mark = " (fixed at start)" if self.fixed else ""
-        return f"{self.name}: {yaml_text(self.old)} -> {yaml_text(self.new)}{mark}"
-
-
-def yaml_text(value: object) -> str:
-    """Return a value as written in a parameter file, on one line."""
-    text: str = yaml.safe_dump(value, default_flow_style=True, width=float("inf"))
-    return text.removesuffix("...\n").strip()
+        return f"{self.name}: {on_one_line(self.old)} -> {on_one_line(self.new)}{mark}"
 
 
 def full_name(node: str, namespace: str = "") -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,13 +27,9 @@ def quoted(text: str) -> str:
 def value_of(text: str, origin: str) -> object:
     """Return the value in a YAML text. Raises PlanError, which begins with ``origin``."""
     try:
-        value = load(text)
+        return load(text)
     except YamlTextError as error:
         raise PlanError(f"{origin}: the value cannot be read: {error}") from None
-    if isinstance(value, str):
-        with suppress(ValueError):
-            return float(value)  # "inf" is a number to the user, but not to YAML
-    return value
 
 
 def settings_of(texts: Iterable[str]) -> Mapping[str, object]:

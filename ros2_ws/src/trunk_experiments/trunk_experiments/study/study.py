@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from trunk_msgs_util.elementary import exp, log
 from trunk_msgs_util.normal import probability_below, quantile
@@ -31,7 +30,7 @@ from trunk_msgs_util.parameters.declarations import UnitError, declarations, loo
 from trunk_msgs_util.parameters.to_si import read_quantity, units_of
 from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.text import shortened
-from trunk_msgs_util.yaml_text import YamlTextError, load
+from trunk_msgs_util.yaml_text import YamlTextError, load, on_one_line
 
 from ..analysis.metrics import QUANTITIES
 from ..errors import DrawError, StudyError, did_you_mean
@@ -384,10 +383,7 @@ class _Reader:
 
     def settings(self, value: object, place: str) -> tuple[str, ...]:
         entries = self.mapping(value, place)
-        return tuple(
-            f"{name}={yaml.safe_dump(v, default_flow_style=True).removesuffix('...' + chr(10)).strip()}"
-            for name, v in entries.items()
-        )
+        return tuple(f"{name}={on_one_line(value)}" for name, value in entries.items())
 
     def contenders(self, value: object) -> tuple[ContenderSpec, ...]:
         entries = value

@@ -233,7 +233,9 @@ def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
 
 
 def _plain(declaration: Declaration, value: object) -> str:
-    """Return, for a number with a unit, why it is refused: ROS 2 has no units."""
+    """Return why ROS 2 takes a value for another type: it has no units, and no texts such as N."""
+    if declaration.kind.startswith("string") and isinstance(value, bool | int | float):
+        return "; a text that reads as a number, or as y, yes, on, true, n, no, off, false, needs quotes"
     if not declaration.kind.startswith("double") or not looks_like_quantity(value):
         return ""
     return f"; only trunk reads units: give a plain number{' in ' * bool(declaration.unit)}{declaration.unit}"

@@ -13,11 +13,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ..errors import TrunkError
 from ..files import atomic_write
-from ..yaml_text import YamlTextError, load
+from ..yaml_text import YamlTextError, dump, load
 from .declarations import is_qos_override, of_every_node, table_of, unknown_name
 
 
@@ -190,4 +188,4 @@ def write(path: Path, nodes: Mapping[str, Mapping[str, object]]) -> None:
         for node, values in nodes.items()
     }
     with atomic_write(path) as part:
-        part.write_text(yaml.safe_dump(tree, sort_keys=False, width=100), encoding="utf-8")
+        part.write_text(dump(tree, width=100), encoding="utf-8")
