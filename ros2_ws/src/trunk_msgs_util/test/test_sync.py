@@ -10,21 +10,23 @@ import pytest
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node.recorder_node import RunFile
+from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.writer import RecordingWriter
 
 
 class Disk:
-    """Stands for `os.fdatasync`: notes the threads that wait for it, and may refuse."""
+    """Stands for `os.fdatasync`: notes the threads that wait for it, and may refuse the first times."""
 
-    def __init__(self, number=0):
+    def __init__(self, number=0, times=1 << 30):
         self.number = number
+        self.times = times
         self.threads = []
         self.asked = threading.Event()
 
     def __call__(self, descriptor):
         self.threads.append(threading.current_thread())
         self.asked.set()
-        if self.number:
+        if self.number and len(self.threads) <= self.times:
             raise OSError(self.number, os.strerror(self.number))
 
 
@@ -67,6 +69,17 @@ def test_a_disk_that_refuses_ends_the_recording(run, tmp_path):
     assert failures[0] == (
         f"{tmp_path / 'run.mcap'}: cannot write: Input/output error; the recording ends here"
     )
+
+
+def test_what_the_disk_refused_once_is_told_at_the_end(run, tmp_path):
+    """Linux tells of a lost write once: the next call succeeds."""
+    file, failures = run(Disk(errno.EIO, times=1))
+    file.sync()
+    assert file.finish(complete=True, reason="finished") is None
+    assert failures == [
+        f"{tmp_path / 'run.mcap'}: cannot write: Input/output error; the recording ends here"
+    ]
+    assert not Recording.open(tmp_path / "run.mcap").complete
 
 
 def test_a_pipe_has_no_disk(run):

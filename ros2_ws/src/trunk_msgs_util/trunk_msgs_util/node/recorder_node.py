@@ -325,8 +325,6 @@ class RunFile:
         """Detect early that the file was deleted, renamed, replaced or truncated, or is not on the disk."""
         try:
             self._writer.check()
-            if self._sync is not None and self._sync.done():
-                self._sync.result()
         except OSError as error:
             self._fail(error)
 

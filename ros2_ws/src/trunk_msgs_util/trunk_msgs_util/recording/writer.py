@@ -378,7 +378,8 @@ class RecordingWriter:
     def sync(self) -> None:
         """Wait until the disk has what was flushed, and the file its name; another thread may do so.
 
-        Raises OSError if it fails. A pipe or a device has no disk to wait for.
+        Raises OSError if it fails, as then does whatever follows: the system tells of a lost write once. A pipe
+        or a device has no disk to wait for.
         """
         try:
             os.fdatasync(self._file.fileno())
@@ -391,7 +392,7 @@ class RecordingWriter:
                 self._named = True
         except OSError as error:
             if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EROFS):
-                raise
+                raise self._failed(error) from None
 
     def finish(self, *, complete: bool, reason: str, sync: bool = False) -> None:
         """Write the end record, the digests and the index, and close the file; a second call does nothing.
