@@ -117,6 +117,26 @@ def test_what_exists_is_replaced_only_by_force(here, told, words):
     assert after == before
 
 
+@pytest.mark.slow
+@pytest.mark.one_in(3)
+@pytest.mark.parametrize("words", OVER_OTHERS, ids=" ".join)
+def test_what_another_command_writes_meanwhile_stays(here, told, words, monkeypatch):
+    link = os.link
+
+    def late(part, target):
+        target.write_text("theirs")
+        link(part, target)
+
+    monkeypatch.setattr(os, "link", late)
+    code, output = told(words)
+    assert code == 2, output
+    kept = f"other.{os.getpid()}{Path(words[-1]).suffix}"
+    assert f"{words[-1]}: another command has written it meanwhile; this result is in " in output
+    assert output.endswith(kept)
+    assert Path(words[-1]).read_text() == "theirs"
+    assert Path(kept).is_file()
+
+
 @pytest.mark.one_in(3)
 @pytest.mark.slow
 @pytest.mark.parametrize(

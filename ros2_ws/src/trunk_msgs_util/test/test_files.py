@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
-from trunk_msgs_util.files import atomic_write
+from trunk_msgs_util.files import atomic_write, will_write
 
 
 def test_a_file_gets_its_name_when_complete(tmp_path):
@@ -61,6 +62,33 @@ def test_an_existing_file_is_replaced_only_if_asked(tmp_path):
     refused = pytest.raises(FileExistsError, match="choose another name")
     with refused, atomic_write(path, overwrite=False):
         pytest.fail("must not be reached")
+
+
+@pytest.mark.parametrize("links", [True, False], ids=["links", "no links"])
+@pytest.mark.parametrize("told", [True, False], ids=["told before", "told"])
+def test_what_another_wrote_meanwhile_stays(told, links, tmp_path, monkeypatch):
+    def refused(*_: object) -> None:
+        raise PermissionError
+
+    if not links:  # FAT
+        monkeypatch.setattr(os, "link", refused)
+    path = tmp_path / "a.txt"
+    if told:
+        will_write(path, overwrite=False)
+    kept = tmp_path / f"a.{os.getpid()}.txt"
+
+    def write() -> None:
+        with atomic_write(path, overwrite=None if told else False) as part:
+            part.write_text("ours")
+            path.write_text("theirs")
+
+    with pytest.raises(OSError, match=f"^{path}: another command has written it .* is in {kept}$"):
+        write()
+    assert {each: each.read_text() for each in tmp_path.iterdir()} == {path: "theirs", kept: "ours"}
+    will_write(path, overwrite=True)
+    with atomic_write(path) as part:
+        part.write_text("again")
+    assert path.read_text() == "again"
 
 
 def test_a_link_stays_a_link(tmp_path):

@@ -47,7 +47,7 @@ def output_path(
     with writing(path):
         if path.exists() and not path.is_dir() and not overwrite:
             raise PlanError(f"output {path}: it exists: give another name, or overwrite=True")
-        return check_output(path, suffixes, True, inputs, "output")
+        return check_output(path, suffixes, overwrite, inputs, "output")
 
 
 @contextmanager

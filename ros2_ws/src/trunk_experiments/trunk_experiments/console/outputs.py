@@ -14,6 +14,8 @@ from typing import Annotated, Any
 
 import click
 
+from trunk_msgs_util.files import will_write
+
 from ..errors import PlanError
 from ..recorded.name import name_of_run
 from ..results import Result
@@ -81,6 +83,7 @@ def check_output(
         check_not_read(path, inputs, option)
         if not force:
             raise PlanError(f"{place}: it exists: give another name, or --force")
+    will_write(path, overwrite=force)
     return path
 
 

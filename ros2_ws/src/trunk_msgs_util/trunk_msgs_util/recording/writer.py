@@ -378,8 +378,8 @@ class RecordingWriter:
     def sync(self) -> None:
         """Wait until the disk has what was flushed, and the file its name; another thread may do so.
 
-        Raises OSError if it fails, as then does whatever follows: the system tells of a lost write once. A pipe
-        or a device has no disk to wait for.
+        Raises OSError if it fails, as does whatever follows: the system tells of a lost write once. A pipe or
+        a device has no disk to wait for.
         """
         try:
             os.fdatasync(self._file.fileno())
