@@ -12,6 +12,7 @@ from trunk_experiments.cli import trunk
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.run_files import RunFiles
+from trunk_msgs_util import topics
 from trunk_msgs_util.recording.writer import RecordingWriter
 
 
@@ -48,11 +49,18 @@ def test_existing_files_are_not_overwritten(tmp_path, name):
 PLAN = make_plan("demo", "pid")
 
 
+def recorded(files, states=1):
+    with RecordingWriter(files.recording) as writer:
+        channel = writer.channel("/ground_truth/joint_states", topics.JOINT_STATE_TYPE)
+        for k in range(states):
+            writer.write(channel, k, k, bytes(32))
+    assert files.describe() == ""
+
+
 def left_by_a_run(folder):
     files = RunFiles.for_run(PLAN, folder)
     files.record(PLAN)
-    RecordingWriter(files.recording).finish(complete=True, reason="finished")
-    files.describe()
+    recorded(files)
     files.logs.mkdir()
     files.log("pid").write_text("old")
     (folder / "notes.txt").write_text("mine")
@@ -68,8 +76,45 @@ def test_force_replaces_an_earlier_run_and_nothing_else(tmp_path):
     assert old.recording.exists(), "nothing is touched before the run begins"
     new.log("gateway").write_text("of this run: it is served before its nodes are started")
     new.record(PLAN)
-    left = {str(path.relative_to(new.folder)) for path in new.folder.rglob("*")}
-    assert left == {"params.yaml", "logs", "logs/gateway.log", "notes.txt"}
+    assert not old.recording.exists()
+    recorded(new)
+    contents = new.recording.read_bytes()
+    new.settle()
+    assert names(new.folder) == WHOLE | {"logs/gateway.log"}
+    assert new.recording.read_bytes() == contents
+
+
+WHOLE = {"run.mcap", "params.yaml", "metadata.yaml", "logs", "notes.txt"}
+
+
+def names(folder):
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
+@pytest.mark.parametrize("recorder", ["none", "ended", "killed"])
+def test_an_earlier_recording_stays_where_the_new_run_did_not_begin(recorder, tmp_path):
+    old = left_by_a_run(tmp_path / "run")
+    before = {file: (old.folder / file).read_bytes() for file in WHOLE - {"logs"}}
+    new = RunFiles.for_run(PLAN, old.folder, force=True)
+    new.record(make_plan("fig6", "pid"))
+    if recorder == "ended":
+        recorded(new, states=0)
+    elif recorder == "killed":
+        new.recording.write_bytes(b"\x89MCAP")
+    new.settle()
+    assert names(new.folder) == WHOLE
+    assert {file: (old.folder / file).read_bytes() for file in before} == before
+    new.settle()  # there is nothing to settle any more
+
+
+def test_a_description_that_cannot_be_written_is_told(tmp_path):
+    files = left_by_a_run(tmp_path / "run")
+    files.description.unlink()
+    files.description.mkdir()
+    assert files.describe() == (
+        f"{files.description}: Is a directory; ROS 2's tools do not know the folder as a bag: "
+        f"ros2 bag reindex {files.folder}"
+    )
 
 
 def test_other_files_and_open_recordings_are_not_replaced(tmp_path):

@@ -107,6 +107,7 @@ def command(
         for file in (*RunFiles(output).all, output / _REPORT):
             check_not_read(file, files_read({"scenario": scenario, **options}))
     files = RunFiles.for_run(plan, output, force)
+    click.get_current_context().call_on_close(files.settle)
     files.logs.mkdir(parents=True, exist_ok=True)
     shown = {
         "namespace": "",

@@ -113,6 +113,7 @@ def command(
         for file in RunFiles(output).all:
             check_not_read(file, files_read(options))
     files = RunFiles.for_run(plan, output, force)
+    click.get_current_context().call_on_close(files.settle)
     screen = console(stderr=True)
     screen.print(
         f"{plan.scenario}, {plan.turns}: {plan.simulator.duration:g} s "

@@ -66,8 +66,8 @@ def run_graph(
     plan = files.record(plan)
     running: dict[str, NodeProcess] = {}
     names = list(plan.configs)
+    guardian = Guardian()  # first: it may fail, and would leave the signals' handlers replaced
     interrupt = Interrupt()
-    guardian = Guardian()
     try:
         for process in [COMPOSED] if composed else order or names:
             package = "trunk_experiments" if composed else NODES[process].package
@@ -86,7 +86,8 @@ def run_graph(
     finally:
         killed = _stop_all(running)
         guardian.close()
-        files.describe()
+        if line := files.describe():
+            tell(f"trunk: warning: {line}")
         interrupt.restore()
     recorder = running.get(COMPOSED) or running["recorder"]
     if not heard:
@@ -127,7 +128,10 @@ def _watch(
             if not plan.simulator.duration:
                 _end_first(simulator, monitor)
                 return False, ends
-            raise RunError(f"stopped by {ends}; the recording holds the run up to here")
+            begun = "; the recording holds the run up to here"
+            raise RunError(
+                f"stopped by {ends}{begun if monitor.started else ' before the run began'}"
+            )
         _check_alive(running, simulator, monitor)
         if silence.lasts(monitor):
             simulator.signal(signal.SIGKILL)  # it would not hear anything else

@@ -10,16 +10,24 @@ from dataclasses import replace as with_values
 from itertools import count
 from pathlib import Path
 
+from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.recording.bag_folder import METADATA
 from trunk_msgs_util.recording.own_file import is_being_written
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
+from trunk_msgs_util.topics import GROUND_TRUTH
 from trunk_msgs_util.yaml_text import YamlTextError
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
+from ..recorded.run import RecordedRun
 
 GATEWAY_LOG = "gateway.log"  # written beside the nodes, and before them
+
+
+def _earlier(file: Path) -> Path:
+    """Return the name of an earlier run's file until the new run has begun."""
+    return file.with_name(f"{file.name}.earlier")
 
 
 @dataclass(frozen=True)
@@ -97,24 +105,55 @@ class RunFiles:
     def record(self, plan: RunPlan) -> RunPlan:
         """Return the plan that records into this folder, and write it as the parameter file.
 
-        The recording, description and logs of an earlier run are then deleted.
+        The logs of an earlier run are then deleted; its recording is set aside until `settle`.
         """
         plan = with_values(
             plan, recorder=with_values(plan.recorder, output=str(self.recording.absolute()))
         )
         if self.replaces:
-            logs = [log for log in self.logs.glob("*.log") if log.name != GATEWAY_LOG]
-            for old in (self.recording, self.description, *logs):
-                old.unlink(missing_ok=True)
+            for log in self.logs.glob("*.log"):
+                if log.name != GATEWAY_LOG:
+                    log.unlink(missing_ok=True)
+            if self.recording.exists():
+                for file in self._recorded:
+                    if file.exists():
+                        file.replace(_earlier(file))
         plan.write_parameters(self.parameters)
         return plan
 
-    def describe(self) -> None:
-        """Make the folder a bag to ROS 2's tools: write ``metadata.yaml``, if the recording was finished."""
-        with suppress(RecordingError, YamlTextError, ValueError, OSError):  # the run says why
+    def settle(self) -> None:
+        """Delete what `record` set aside if this run has recorded a state, else put it back."""
+        if not self.replaces or not _earlier(self.recording).exists():
+            return
+        began = False
+        with suppress(RecordingError):  # none, or not to be read
+            began = RecordedRun(Recording.open_by_summary(self.recording)).count(GROUND_TRUTH) > 0
+        for file in self._recorded:
+            (_earlier(file) if began else file).unlink(missing_ok=True)
+            if not began and _earlier(file).exists():
+                _earlier(file).replace(file)
+
+    @property
+    def _recorded(self) -> tuple[Path, ...]:
+        return self.recording, self.parameters, self.description
+
+    def describe(self) -> str:
+        """Make the folder a bag to ROS 2's tools: write ``metadata.yaml``, if the recording was finished.
+
+        Return why it could not be written; empty if it was, or if the run says why there is none.
+        """
+        with suppress(RecordingError, YamlTextError, ValueError):
             (file,) = Recording.open_by_summary(self.recording).opened
             text = metadata_yaml(dict(file.metadata_records).get(RECORD, {}), self.recording.name)
-            self.description.write_text(text, "utf-8")
+            try:
+                with atomic_write(self.description) as part:
+                    part.write_text(text, "utf-8")
+            except OSError as error:
+                folder = (
+                    f"ROS 2's tools do not know the folder as a bag: ros2 bag reindex {self.folder}"
+                )
+                return f"{self.description}: {error.strerror}; {folder}"
+        return ""
 
     @property
     def logs(self) -> Path:
