@@ -16,10 +16,13 @@ import subprocess
 import sys
 from contextlib import suppress
 
-from trunk_experiments.runs.node_processes import stop  # this file also runs as a program
 from trunk_msgs_util.node import early_signals
 
+from .node_processes import stop
+
 _FIRST, _LAST = b"f", b"l"
+# Nothing is imported from the working directory, nor from this module's own.
+_PROGRAM = f"import sys; sys.path[:] = filter(None, sys.path); import {__name__} as g; g.main()"
 
 
 class Guardian:
@@ -29,8 +32,7 @@ class Guardian:
         self._socket, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
-                # By its path: so nothing is imported from the working directory.
-                [sys.executable, __file__, str(theirs.fileno())],
+                [sys.executable, "-c", _PROGRAM, str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
@@ -93,7 +95,3 @@ def main() -> None:
                 break
             watched[turn] += map(_Watched, handles)
     stop(watched[_FIRST], watched[_LAST])
-
-
-if __name__ == "__main__":
-    main()
