@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import os
 import shutil
 import sys
 from importlib import import_module
+from itertools import chain, count
+from pathlib import Path
+from threading import Event
 
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
+from trunk_msgs_util import compiled as module
 from trunk_msgs_util.compiled import compiled
 
 
@@ -33,6 +38,55 @@ def test_one_process_at_a_time_adds_to_the_cache_of_compiled_code(monkeypatch, t
     monkeypatch.setattr(IndexDataCacheFile, "save", watched)
     assert compiled(half)(3.0) == 1.5
     assert saved
+
+
+def test_a_process_forked_meanwhile_does_not_keep_the_lock(monkeypatch, tmp_path):
+    """It has the same open file, as a duplicate of its descriptor is."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    save = IndexDataCacheFile.save
+    kept = []
+
+    def watched(file, key, data):
+        (path,) = tmp_path.rglob("lock")
+        descriptors = list(Path("/proc/self/fd").iterdir())
+        kept.extend(os.dup(int(fd.name)) for fd in descriptors if fd.exists() and fd.samefile(path))
+        save(file, key, data)
+
+    monkeypatch.setattr(IndexDataCacheFile, "save", watched)
+    compiled(half)(3.0)
+    assert kept
+    (path,) = tmp_path.rglob("lock")
+    with path.open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    for descriptor in kept:
+        os.close(descriptor)
+
+
+def test_who_waits_for_longer_than_a_compilation_compiles_for_itself(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    said, is_said = [], Event()
+    monkeypatch.setattr(module, "_LATE_S", 0.0)
+    monkeypatch.setattr(module, "_say", lambda what: (said.append(what), is_said.set()))
+    times = chain([0.0], (module._COMPILE_S * is_said.is_set() for _ in count()))
+    monkeypatch.setattr(module.time, "monotonic", times.__next__)
+    twin = compiled(half)
+    path = module.cache_folder() / module.fingerprint(half) / "lock"
+    path.write_text("4711")
+    with path.open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert twin(3.0) == 1.5
+    assert said[0] == "waiting for process 4711, which is compiling half"
+    assert not list(tmp_path.rglob("*.nbi"))
+
+
+def test_a_long_compilation_is_told(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    said, is_said = [], Event()
+    monkeypatch.setattr(module, "_LATE_S", 0.0)
+    monkeypatch.setattr(module, "_say", lambda what: (said.append(what), is_said.set()))
+    monkeypatch.setattr(IndexDataCacheFile, "save", lambda file, key, data: is_said.wait())
+    assert compiled(half)(3.0) == 1.5
+    assert said[-1] == "compiling half, once for each version of its sources"
 
 
 @pytest.mark.parametrize("part", [0.0, 0.5])

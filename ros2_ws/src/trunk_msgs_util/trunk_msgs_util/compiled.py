@@ -18,15 +18,17 @@ import hashlib
 import os
 import re
 import shutil
+import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, wraps
 from importlib.util import find_spec
 from itertools import accumulate
 from pathlib import Path
+from threading import Timer
 from types import CodeType, FunctionType
-from typing import Any, TypeVar, cast
+from typing import Any, TextIO, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +41,9 @@ OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False}
 _registered: set[FunctionType] = set()
 _KEPT_DAYS = 90.0
+_COMPILE_S = 30.0  # at most, on a machine that is not busy
+_POLL_S = 0.05
+_SOON_S, _LATE_S = 2.0, 10.0  # until something is said, on a terminal and elsewhere
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Record = TypeVar("Record")
@@ -286,31 +291,66 @@ def _compile_alone(twin: Any, path: Path) -> None:
     """Let one process at a time compile a function: the next ones load what it has kept.
 
     numba reads its index, adds an entry and writes it back without a lock: of two processes at once, one
-    could leave an entry that names the other's machine code. Where the file system has no locks, nothing is
-    kept.
+    could leave an entry that names the other's machine code. Where the file system has no locks, or another
+    process has held the lock for longer than a compilation takes, nothing is kept.
     """
     from numba.core.errors import NumbaError
 
     compile_ = twin.compile
 
     def alone(*given: object) -> object:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            lock = path.open("w")
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        except OSError:
-            twin._cache.disable()
-            return compile_(*given)
-        with lock:
+        with ExitStack() as held:
             try:
-                return compile_(*given)
-            except NumbaError:
-                raise
-            except Exception:  # numba may raise anything on damaged files
+                path.parent.mkdir(parents=True, exist_ok=True)
+                lock = held.enter_context(path.open("a+"))
+                _acquire(lock, twin.__name__)
+                # Closing it is not enough: a process forked meanwhile has the same open file.
+                held.callback(fcntl.flock, lock, fcntl.LOCK_UN)
+            except OSError:
                 twin._cache.disable()
-                return compile_(*given)
+            with _told(f"compiling {twin.__name__}, once for each version of its sources"):
+                try:
+                    return compile_(*given)
+                except NumbaError:
+                    raise
+                except Exception:  # numba may raise anything on damaged files
+                    twin._cache.disable()
+                    return compile_(*given)
 
     twin.compile = alone
+
+
+def _acquire(lock: TextIO, name: str) -> None:
+    """Lock a file and write down whose it is. Raises OSError without locks, or if it takes too long."""
+    lock.seek(0)
+    with _told(f"waiting for process {lock.read() or 'unknown'}, which is compiling {name}"):
+        give_up = time.monotonic() + _COMPILE_S
+        while True:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() >= give_up:
+                    raise
+                time.sleep(_POLL_S)
+    lock.truncate(0)
+    print(os.getpid(), end="", file=lock, flush=True)
+
+
+@contextmanager
+def _told(what: str) -> Iterator[None]:
+    """Say what is going on if it takes long: soon on a terminal, later in a log."""
+    timer = Timer(_SOON_S if sys.stderr.isatty() else _LATE_S, _say, [what])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def _say(what: str) -> None:
+    print(f"trunk: {what}", file=sys.stderr, flush=True)
 
 
 def _delete_unused(folder: Path) -> None:
