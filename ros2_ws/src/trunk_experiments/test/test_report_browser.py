@@ -329,6 +329,37 @@ def test_a_phone_shows_values_one_below_the_other(opened, file):
     assert page.evaluate("() => document.documentElement.scrollWidth") == 390
 
 
+CUT = """() => [...document.querySelectorAll(".scroll table:not(.rules) :is(td, th)")].flatMap((cell) => {
+    if (cell === cell.parentElement.cells[0]) return [];
+    const range = document.createRange();
+    range.selectNodeContents(cell);
+    const text = range.getBoundingClientRect();
+    const place = cell.closest(".scroll").getBoundingClientRect();
+    const names = cell.parentElement.cells[0].getBoundingClientRect();
+    const [from, to] = [Math.max(place.left, names.right) - 1, place.right + 1];
+    const whole = from <= text.left && text.right <= to;
+    return whole || text.right <= from + 2 || to - 2 <= text.left ? [] : [cell.innerText];
+})"""
+
+
+@pytest.mark.parametrize("runs", [1, 5])
+def test_a_phone_shows_whole_values_however_long_a_name_is(opened, views, tmp_path, runs):
+    report = make_report([views[i % 2] for i in range(runs)])
+    name = "the_hip_swings_and_a_student_pushes_on_2026-11-28"
+    named = [replace(run, label=f"{name}_{i}") for i, run in enumerate(report.runs)]
+    path = tmp_path / "report.html"
+    write(replace(report, runs=tuple(named)), path)
+    page = opened(path, PHONE)
+    for width in (320, 390, 430):
+        page.set_viewport_size({"width": width, "height": 844})
+        for scrolled in (0, 95, 10_000):
+            page.evaluate(
+                "(to) => document.querySelectorAll('.scroll').forEach((e) => e.scrollTo(to, 0))",
+                scrolled,
+            )
+            assert page.evaluate(CUT) == []
+
+
 def test_dark_mode_and_print(opened, file):
     page = opened(file, color_scheme="dark")
     background = "() => getComputedStyle(document.body).backgroundColor"

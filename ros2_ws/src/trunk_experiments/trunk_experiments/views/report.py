@@ -8,6 +8,7 @@ page's own script, by its digest, and no connections.
 from __future__ import annotations
 
 import base64
+import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -37,7 +38,7 @@ from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
 from ..results import number
 from .compare import Row, differing_parameters, metric_rows, table_axes, table_grids
-from .plots import drawn, planes
+from .plots import drawn, planes, with_unit
 from .report_data import report_data
 from .rule_plots import surface
 from .run_view import RunView, labels, rule_use
@@ -152,6 +153,7 @@ def render(report: Report) -> str:
         script=Markup(script),
         metric_text=metric_text,
         quantity_label=quantity_label,
+        breakable=lambda name: Markup("<wbr>").join(re.split(r"(?<=[._])", name)),
     )
 
 
@@ -165,10 +167,10 @@ def metric_text(value: float | None) -> str:
     return number(value, 5).replace("-", "−")
 
 
-def quantity_label(key: str) -> tuple[str, str]:
-    """Return a metric's readable name and its unit."""
+def quantity_label(key: str) -> str:
+    """Return a metric's readable name with its unit."""
     quantity = QUANTITIES.get(key)
-    return (quantity.label, quantity.unit) if quantity else (key, "")
+    return with_unit(quantity.label, quantity.unit) if quantity else key
 
 
 def said_of(view: RunView) -> list[str]:
