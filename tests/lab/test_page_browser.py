@@ -143,7 +143,7 @@ def test_what_is_refused_says_why_and_changes_nothing(opened, lab):
         if about["refused"]
     ]
     assert refused
-    page.fill("#knobs .find", refused[0][1])
+    page.fill("#parameters .find", refused[0][1])
     knob = page.locator("#knobs .knob[data-refused]:visible").first
     assert "fixed in this lab: " in knob.inner_text()
     assert knob.locator("input, select").first.is_disabled()

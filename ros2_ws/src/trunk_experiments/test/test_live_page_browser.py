@@ -14,7 +14,7 @@ from .graph_double import ServedGraph
 pytestmark = pytest.mark.browser
 
 DESK, PHONE = {"width": 1400, "height": 900}, {"width": 390, "height": 844}
-PANELS = ("#scene", "#readout", "#gains .knob", ".rule-table", "#live-charts .chart", ".bar button")
+PANELS = ("#scene", "#readout", ".find", ".rule-table", "#live-charts .chart", ".bar button")
 # What of these elements is not wholly in sight: outside the window, cut off by a panel, behind something.
 HIDDEN = """(selector) => [...document.querySelectorAll(selector)]
   .filter((element) => element.checkVisibility())
@@ -90,10 +90,42 @@ def test_on_a_desk_all_is_on_one_screen(opened, scheme):
         "all => all.map((one) => one.getBoundingClientRect()).map((box) => (box.top + box.bottom) / 2)"
     )
     assert max(middles) - min(middles) < 5, "the controls are one row"
-    # An alarm takes its place from the charts, not from the screen.
+    # An alarm takes its place from the charts, not from the screen; more than that makes the page longer.
     page.evaluate("() => alarm.say('the gateway does not answer')")
     assert page.evaluate(FITS)
     assert page.evaluate(HIDDEN, ".rule-table") == []
+    page.evaluate("() => alarm.say('and so on')")
+    page.click("#branch")
+    place = page.locator("#live-charts")
+    assert place.evaluate("(place) => place.scrollHeight <= place.clientHeight")
+    assert page.locator("#scene").bounding_box()["height"] >= 200
+
+
+@pytest.mark.parametrize("width", [800, 1000, 1400])
+def test_a_separator_stands_between_two_groups(opened, width):
+    page = opened({"width": width, "height": 900})
+    left = page.locator(".bar").bounding_box()["x"]
+    groups = [box.bounding_box() for box in page.locator(".bar .group").all()]
+    rows = {page.locator("#controllers").bounding_box()["y"]} | {box["y"] for box in groups}
+    clipped = [box for box in groups if box["x"] <= left]
+    assert len(clipped) == len(rows) - 1
+
+
+def test_standing_still_looks_still(opened):
+    page = opened()
+    page.evaluate(
+        """() => {
+          const still = (column) => column.forEach((_, i) => { column[i] = 1e-9 * Math.sin(i); });
+          for (const name of ["theta", "torque"]) still(known.plant.column(name));
+          for (const name of ["measurement", "p_term", "i_term", "d_term"]) still(known.control.column(name));
+          known.version += 1;
+        }"""
+    )
+    for name in ("angle", "torque", "terms"):
+        page.wait_for_function(
+            "(name) => { const { min, max } = strips.made.get(name).plot.scales.y; return max - min >= 0.09 && max - min < 0.3; }",
+            arg=name,
+        )
 
 
 @pytest.mark.parametrize(
@@ -119,6 +151,17 @@ def test_on_a_phone_nothing_covers_the_torque_and_no_word_is_broken(opened, serv
         else:
             assert scrolled > 0, "it is in sight at first"
     assert page.evaluate(NARROW)
+    said = "document.querySelector('#strip-angle .key').textContent"
+    page.evaluate(  # its curves are below the screen
+        """() => {
+          const { top } = document.querySelector("#strip-angle .strip").getBoundingClientRect();
+          scrollBy(0, top - innerHeight);
+        }"""
+    )
+    page.wait_for_function("() => strips.made.get('torque').seen === false")
+    before = page.evaluate(said)
+    served.call(served.graph.go, served.graph.t + 1.0)
+    page.wait_for_function(f"(before) => {said} !== before", arg=before)
     served.call(
         served.graph.graph.diagnosed,
         "fuzzy_pid",
@@ -316,15 +359,28 @@ def test_what_is_refused_leaves_nothing_to_undo(opened):
     field = page.locator("#gain-fuzzy_pid-gains-d_min")
     field.fill("99")
     field.press("Enter")
-    page.wait_for_selector("#gains .refused:not(:empty)")
-    assert "gains.d_max" in page.inner_text("#alarm")
+    refused = page.locator("#parameters .refused:not(:empty), #alarm:visible")
+    refused.wait_for()
+    assert "gains.d_max" in refused.inner_text(), "it is said once"
     assert page.locator("#undo").is_disabled()
     settled(page, "document.getElementById('gain-fuzzy_pid-gains-d_min').value", "9.6")
+    swap = page.locator("#controllers input")
+    for now in ("pid", "fuzzy_pid"):
+        swap.and_(page.locator(f"[value={now}]")).click()
+        settled(page, "known.run.acting.join()", now)
+    assert refused.count() == 0
+    page.evaluate("() => view.ask('set', { node: 'pid', values: { 'gains.d': -1 } })")
+    refused.wait_for()
+    field.fill("9")
+    field.press("Enter")
+    refused.wait_for(state="detached")
+    page.click("#undo")
+    settled(page, "known.nodes.get('fuzzy_pid').parameters['gains.d_min']", 9.6)
 
 
 def test_the_filter_hides_empty_groups(opened):
     page = opened()
-    find = page.locator("#knobs .find")
+    find = page.locator("#parameters .find")
     find.fill("gains.p_max")
     shown = "#knobs details:visible"
     assert page.locator(shown).evaluate_all("all => all.map((one) => one.dataset.node)") == [

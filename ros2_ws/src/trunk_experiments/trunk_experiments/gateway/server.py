@@ -285,7 +285,7 @@ class Gateway:
             else:
                 text = await self.feed.ask(client.name, request)
         except RefusedRequestError as error:
-            self.refuse("pushes refused" if request.kind in UNANSWERED else "requests refused")
+            self.refuse("pushes" if request.kind in UNANSWERED else "requests by pages")
             client.answer(request.number, False, str(error))
         else:
             if request.kind not in UNANSWERED:

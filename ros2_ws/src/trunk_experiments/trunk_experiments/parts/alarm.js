@@ -18,14 +18,12 @@ const alarm = (() => {
     show();
   });
   return {
+    // An empty text: nothing is wrong any more.
     say: (text, about = text) => {
       lines.delete(about);
-      lines.set(about, text);
+      if (text) lines.set(about, text);
       if (lines.size > MOST) lines.delete(lines.keys().next().value);
       show();
-    },
-    clear: (about) => {
-      if (lines.delete(about)) show();
     },
   };
 })();

@@ -9,19 +9,19 @@ const strips = (() => {
   const made = new Map();
   const line = (label, column, color, more = {}) => ({ label, column, color, ...more });
   const ANGLE = { scale: DEGREES };
-  const KINDS = [
-    { id: "angle", title: "Angle, °", of: "plant", lines: [
+  const KINDS = [ // `least`: what an axis spans, so that standing still looks still
+    { id: "angle", title: "Angle, °", of: "plant", least: 0.1, lines: [
       line("θ", "theta", null, { ...ANGLE, several: true }),
       line("measured", "measurement", "--run5", { ...ANGLE, from: "control", dash: [2, 3], width: 1 }),
       line("reference", "reference", "--reference", { ...ANGLE, from: "control", dash: [5, 4], width: 1.2 }),
     ] },
-    { id: "torque", title: "Torque, N·m", of: "plant", cut: true, lines: [
+    { id: "torque", title: "Torque, N·m", of: "plant", cut: true, least: 0.1, lines: [
       line("τ", "torque", null, { several: true }),
       line("push", "torque", "--push", { from: "pushes", dash: [6, 2], timeout: 0.25 }),
       line("limits", null, "--limit", { dash: [2, 3], width: 1.2, level: () => Math.max(...bounds()) }),
       line("", null, "--limit", { dash: [2, 3], width: 1.2, level: () => Math.min(...bounds()) }),
     ] },
-    { id: "terms", title: "Terms, N·m", of: "control", cut: true, lines: [
+    { id: "terms", title: "Terms, N·m", of: "control", cut: true, least: 0.1, lines: [
       line("P", "p_term", "--run0"), line("I", "i_term", "--run1", { dash: [8, 3] }), line("D", "d_term", "--run2", { dash: [3, 2] }),
     ] },
     { id: "gains", title: "Gains, each in its unit", of: "control", lines: [
@@ -139,7 +139,7 @@ const strips = (() => {
     told.hidden = true;
     target.append(told);
     const chart = { kind, figure, caption, title, target, told, lines: [], keys: [], of: "", plot: null, seen: true, uncut: false };
-    new IntersectionObserver(([entry]) => { chart.seen = entry.isIntersecting; }).observe(target);
+    new IntersectionObserver(([entry]) => { chart.seen = entry.isIntersecting; }).observe(figure);
     build(chart);
     new ResizeObserver(() => chart.plot.setSize({ width: target.clientWidth, height: target.clientHeight })).observe(target);
     listen(chart);
@@ -392,7 +392,7 @@ const strips = (() => {
     chart.title.textContent = `${chart.kind.title}${!cut ? "" : known.marks ? ` (peaks up to ${peak} off scale; a double-click shows all)` : " (peaks cut)"}`;
     if (chart.kind.zero) [low, high] = [Math.min(low, 0), Math.max(high, 0)];
     if (cut) [low, high] = [Math.max(low, -usual), Math.min(high, usual)];
-    const edge = Math.max(0.06 * (high - low), 1e-3 * Math.max(Math.abs(low), Math.abs(high))) || 1;
+    const edge = Math.max(0.06 * (high - low), 1e-3 * Math.max(Math.abs(low), Math.abs(high)), ((chart.kind.least ?? 0) - (high - low)) / 2) || 1;
     return [low - edge, high + edge];
   };
 
@@ -409,7 +409,7 @@ const strips = (() => {
     const own = Object.entries(terms).filter(([name]) => !ORDINARY.has(name)).map(([name, unit]) => {
       const words = name.replaceAll("_", " ");
       const title = unit ? `${words}, ${dotted(unit)}` : words;
-      return { id: `own-${name}`, title, of: "control", lines: [line(words, name, "--run0")] };
+      return { id: `own-${name}`, title, of: "control", least: 1e-6, lines: [line(words, name, "--run0")] };
     });
     const common = KINDS.filter((kind) => kind.of === "control" && kind.lines.some((one) => one.column in terms));
     return [...KINDS.filter((kind) => kind.of === "plant"), ...own, ...common];

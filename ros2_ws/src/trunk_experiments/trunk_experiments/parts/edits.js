@@ -22,8 +22,8 @@ const edits = (() => {
     if (!names.length) return { ok: true, text: "" };
     const before = Object.fromEntries(names.map((name) => [name, now[name]]));
     const answer = await wire.ask("set", { node, values });
-    if (!answer.ok) alarm.say(answer.text);
-    else {
+    alarm.say("", "asked"); // where it was refused, who asked says so
+    if (answer.ok) {
       for (const name of names) if (!first.has(`${node} ${name}`)) first.set(`${node} ${name}`, before[name]);
       if (!gesture || changes.at(-1)?.gesture !== gesture) changes.push({ node, before, gesture });
       if (changes.length > MOST) changes.shift();
@@ -36,10 +36,8 @@ const edits = (() => {
     if (!last) return;
     undoing.disabled = true;
     const { ok, text } = await wire.ask("set", { node: last.node, values: last.before });
-    if (!ok) {
-      changes.push(last);
-      alarm.say(text);
-    }
+    if (!ok) changes.push(last);
+    alarm.say(ok ? "" : text, "asked");
     show();
   };
 

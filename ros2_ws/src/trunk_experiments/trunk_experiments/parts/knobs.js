@@ -29,7 +29,8 @@ const knobs = (() => {
     filter();
     for (const group of groups.values()) if (find.value && !group.hidden) group.open = true;
   });
-  place.append(find, nothing);
+  place.before(find);
+  place.append(nothing);
 
   const finite = (value) => (typeof value === "number" && Number.isFinite(value) ? value : null);
   const NICE = [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10];
@@ -118,8 +119,8 @@ const knobs = (() => {
         const values = { [name]: next };
         next = undefined;
         const { ok, text: why } = await edits.set(node, values, gesture);
-        refused.textContent = ok ? "" : why;
-        if (!ok) update(value);
+        if (ok) refused.textContent = "";
+        else update(value, why);
         await new Promise((done) => setTimeout(done, wire.EVERY_MS));
       }
       asking = false;
@@ -135,8 +136,7 @@ const knobs = (() => {
     input.addEventListener("change", () => {
       if (typed && input.value === text(value)) return;
       if (number && input.value.trim() === "") {
-        refused.textContent = "a number is needed";
-        input.value = text(value, rounded);
+        update(value, "a number is needed");
         return;
       }
       ask(about.kind === "bool" ? input.checked : parsed(about, input.value));
@@ -157,8 +157,8 @@ const knobs = (() => {
       }
       slider.value = value;
     };
-    const update = (now) => {
-      value = now;
+    const update = (now, why = "") => { // what has been refused before is over
+      [value, refused.textContent] = [now, why];
       const changed = text(now) !== text(about.default);
       box.toggleAttribute("data-set", changed);
       reset.hidden = !changed || input.disabled;

@@ -69,7 +69,7 @@ const view = (() => {
   // ── buttons ──────────────────────────────────────────────────────────────────────────────────────────
   view.ask = async (kind, values) => {
     const { ok, text } = await wire.ask(kind, values);
-    if (!ok) alarm.say(text);
+    alarm.say(ok ? "" : text, "asked"); // until the next request of this page
     return ok;
   };
   view.stands = () => (known.recorded ? !view.playing : view.frozen);

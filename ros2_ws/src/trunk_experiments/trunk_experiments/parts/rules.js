@@ -69,7 +69,8 @@ const rules = (() => {
   };
   const send = async () => {
     const values = Object.fromEntries(changed);
-    await edits.set(shown, values);
+    const { ok, text } = await edits.set(shown, values);
+    alarm.say(ok ? "" : text, "asked");
     for (const [name, rows] of Object.entries(values)) if (changed.get(name) === rows) changed.delete(name);
     show();
   };

@@ -69,7 +69,7 @@ const health = (() => {
   };
   const served = () => {
     const { clients, operator, refused } = known.gateway;
-    const counts = Object.entries(refused).map(([what, count]) => `${what} ${count}`).join(", ");
+    const counts = Object.entries(refused).map(([what, count]) => `${what} (${count})`).join(", ");
     gateway.textContent = `${clients} ${clients === 1 ? "page" : "pages"} open${operator ? `; ${operator} is pushing` : ""}${counts ? `; refused: ${counts}` : ""}`;
   };
   // Another gateway counts the events anew.

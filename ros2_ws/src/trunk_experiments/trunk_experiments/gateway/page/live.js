@@ -13,8 +13,7 @@
     at("link").dataset.state = state === "open" ? "open" : "closed";
     const ended = state === "ended" || known.run.ended;
     const why = known.gateway.ended ? `: ${known.gateway.ended}` : "";
-    if (state === "open") alarm.clear(LOST);
-    else alarm.say(ended ? `the server of this page has ended${why}` : LOST, LOST);
+    alarm.say(state === "open" ? "" : ended ? `the server of this page has ended${why}` : LOST, LOST);
   };
   const mode = () => {
     if (known.gateway.ended) return known.gateway.ended;

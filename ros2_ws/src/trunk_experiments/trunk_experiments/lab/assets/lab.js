@@ -162,7 +162,7 @@
   const openLink = async () => {
     const fragment = location.hash.slice(1);
     let setup = freshSetup();
-    alarm.clear("link");
+    alarm.say("", "link");
     try {
       if (fragment) setup = await setups.open(lab, fragment);
     } catch (error) {
