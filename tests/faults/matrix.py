@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 from itertools import product
 from pathlib import Path
+from signal import Signals
 from typing import NamedTuple
 
 CONTROLLER = "fuzzy_pid"
@@ -85,7 +86,10 @@ ROWS = (
     Row((STARTING,), (SIMULATOR, RECORDER), ASKING, 1, _ENDED, Recording.NONE),
     Row((STARTING,), (DISTURBANCE, CONTROLLER), ASKING, 1, _LEFT, Recording.NONE),
     Row((STARTING,), NODES, (SIGKILL,), 1, _KILLED, Recording.NONE),
-    Row((STARTING,), (RUNNER,), ASKING, 1, _TOLD, Recording.NONE),
+    *(
+        Row((STARTING,), (RUNNER,), (name,), 128 + Signals[name], _TOLD, Recording.NONE)
+        for name in ASKING
+    ),
     Row((STARTING,), (RUNNER,), (SIGKILL,), -9, "", Recording.NONE),
     Row((RUNNING,), (SIMULATOR,), ASKING, 1, "simulator: " + _EARLY, Recording.INCOMPLETE, _EARLY),
     Row((RUNNING,), (SIMULATOR,), (SIGKILL,), 1, _KILLED, Recording.INCOMPLETE, _NO_END),
@@ -95,7 +99,12 @@ ROWS = (
     ),
     Row((RUNNING,), (RECORDER,), ASKING, 1, _CUT_SHORT, Recording.INCOMPLETE, _NO_END),
     Row((RUNNING,), (RECORDER,), (SIGKILL,), 1, _KILLED, Recording.CUT),
-    Row((RUNNING,), (RUNNER,), ASKING, 1, _TOLD, Recording.INCOMPLETE, _EARLY),
+    *(
+        Row(
+            (RUNNING,), (RUNNER,), (name,), 128 + Signals[name], _TOLD, Recording.INCOMPLETE, _EARLY
+        )
+        for name in ASKING
+    ),
     Row((RUNNING,), (RUNNER,), (SIGKILL,), -9, "", Recording.INCOMPLETE),
     Row((STARTING, RUNNING), PROCESSES, (SIGSTOP,), 0, "", Recording.WHOLE),
     Row((STOPPING,), (SIMULATOR, DISTURBANCE, CONTROLLER), SIGNALS, 0, "", Recording.WHOLE),

@@ -20,12 +20,13 @@ pytestmark = pytest.mark.graph
 
 
 class Hang(NamedTuple):
-    """What processes get in turn, ``who signal``, and what the run says last."""
+    """What processes get in turn, ``who signal``, what the run says last, and its exit code."""
 
     signals: tuple[str, ...]
     says: str
     options: tuple[str, ...] = ()
     recorded: int = 500  # messages before, at most five a state, and a few of the run
+    code: int = 1
 
 
 ALL = tuple(f"{name} STOP" for name in ("simulator", "disturbance", "fuzzy_pid", "recorder"))
@@ -39,7 +40,7 @@ HANGS = {
     ),
     # The runner as well: on a busy machine it would first notice that the simulator is silent.
     "all nodes, and the runner is ended": Hang(
-        ("runner STOP", *ALL, "runner TERM", "runner CONT"), "stopped by SIGTERM"
+        ("runner STOP", *ALL, "runner TERM", "runner CONT"), "stopped by SIGTERM", code=143
     ),
     "the controller in lock-step": Hang(
         ("fuzzy_pid STOP",),
@@ -64,7 +65,7 @@ def test_the_run_ends_and_names_the_process(
     for who, number in map(str.split, hang.signals):
         pid = run.process.pid if who == "runner" else pids[who]
         os.kill(pid, getattr(signal, f"SIG{number}"))
-    assert run.wait() == 1, run.stderr
+    assert run.wait() == hang.code, run.stderr
     assert "Traceback" not in run.stderr
     children.none_left()
     assert re.match(f"trunk: error: {hang.says}", run.stderr.splitlines()[-1])

@@ -139,7 +139,7 @@ def test_nodes_started_by_hand_beside_trunk_run(
         assert f"another /{name} is running" in node.stderr
     assert run.process.poll() is None, run.stderr
     peer.until_recorded(400 + int(peer.last_diagnostics("recorder")["messages"]))
-    assert run.stop() == 1
+    assert run.stop() == 130
     assert run.stderr.splitlines()[-1].startswith("trunk: error: stopped by SIGINT"), run.stderr
     (lacking,) = recorded_once(tmp_path / "first" / "run.mcap").warnings
     assert re.fullmatch(r"incomplete: stopped at t = [\d.]+ s, before its end", lacking)

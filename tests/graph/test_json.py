@@ -50,7 +50,7 @@ def test_a_stopped_run_still_gives_its_document(
     )
     peer.until_started(run)
     run.send(signal.SIGINT)
-    assert run.wait() == 1, run.stderr
+    assert run.wait() == 130, run.stderr
     found = document(run, "run-1")
     assert "stopped by SIGINT" in found["failure"]
     assert run.stderr.splitlines()[-1] == f"trunk: error: {found['failure']}"

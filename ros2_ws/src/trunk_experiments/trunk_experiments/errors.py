@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Iterable
-from typing import Any, ClassVar
+from signal import Signals
+from typing import Any
 
 from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
 
@@ -33,7 +34,7 @@ class DrawError(TrunkError):
 class NotSignedError(TrunkError):
     """A recording that must not be signed: its name, why, and what would allow it."""
 
-    exit_code: ClassVar[int] = EXIT_FAILED
+    exit_code = EXIT_FAILED
 
 
 class ExecutableError(TrunkError):
@@ -55,7 +56,16 @@ class LibraryError(TrunkError):
 class RunError(TrunkError):
     """A run that did not end as it should: which part of it, and why."""
 
-    exit_code: ClassVar[int] = EXIT_FAILED
+    exit_code = EXIT_FAILED
+
+
+class StoppedError(RunError):
+    """A run that was told to stop, by a signal's name or another, before its end."""
+
+    def __init__(self, by: str, what: str) -> None:
+        super().__init__(f"stopped by {by}{what}")
+        if by in Signals.__members__:
+            self.exit_code = 128 + Signals[by]
 
 
 class SweepError(RunError):
@@ -65,13 +75,13 @@ class SweepError(RunError):
 class LiveParametersError(TrunkError):
     """A running node that is missing, does not answer, or refuses."""
 
-    exit_code: ClassVar[int] = EXIT_FAILED
+    exit_code = EXIT_FAILED
 
 
 class GatewayError(TrunkError):
     """The gateway between a page and a run cannot work: why, and what to do."""
 
-    exit_code: ClassVar[int] = EXIT_FAILED
+    exit_code = EXIT_FAILED
 
 
 def closest(name: str, known: Iterable[str]) -> str:

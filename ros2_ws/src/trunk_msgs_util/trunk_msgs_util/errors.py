@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 EXIT_FAILED = 1  # a run or a check failed
 EXIT_USAGE = 2  # an argument, a parameter, a file or a library cannot be used
 EXIT_DEFECT = 70  # a defect of ours, with a traceback: EX_SOFTWARE, as 1 and 2 are also verdicts
@@ -17,7 +15,7 @@ class TrunkError(Exception):
     if callers that do not know this family are to catch it.
     """
 
-    exit_code: ClassVar[int] = EXIT_USAGE
+    exit_code: int = EXIT_USAGE
 
 
 class RecordingError(TrunkError):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import ClassVar
 
 from trunk_msgs_util.elementary import LARGEST_ANGLE
 from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
@@ -32,7 +31,7 @@ MeasuredStep = tuple[Measurement, float]  # a reading, and the torque over the s
 class DivergedError(TrunkError, ArithmeticError):
     """The plant's state is no longer finite: the loop is unstable."""
 
-    exit_code: ClassVar[int] = EXIT_FAILED
+    exit_code = EXIT_FAILED
 
 
 # Why a step of the plant is not finite: after the state at ``t`` s, with this angle in rad and effort in N m.

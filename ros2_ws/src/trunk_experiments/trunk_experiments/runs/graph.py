@@ -16,7 +16,7 @@ from trunk_msgs_util.node import middleware
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import RunEvent
 
-from ..errors import RunError
+from ..errors import RunError, StoppedError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 from .guardian import Guardian
@@ -129,9 +129,7 @@ def _watch(
                 _end_first(simulator, monitor)
                 return False, ends
             begun = "; the recording holds the run up to here"
-            raise RunError(
-                f"stopped by {ends}{begun if monitor.started else ' before the run began'}"
-            )
+            raise StoppedError(ends, begun if monitor.started else " before the run began")
         _check_alive(running, simulator, monitor)
         if silence.lasts(monitor):
             simulator.signal(signal.SIGKILL)  # it would not hear anything else
@@ -287,7 +285,7 @@ def _read_end(file: Path, simulator: NodeProcess, recorder: NodeProcess, stopped
     ends = [event for event in reports if event.message in ENDS]
     if not ends:
         if stopped_by and all(event.message != Event.STARTED for event in reports):
-            raise RunError(f"stopped by {stopped_by} before the run began")
+            raise StoppedError(stopped_by, " before the run began")
         raise RunError(f"the run ended because {simulator.describe_end()}")
     if ends[-1].message != Event.FINISHED:
         raise RunError(f"simulator: {ends[-1].values.get('reason', ends[-1].message)}")

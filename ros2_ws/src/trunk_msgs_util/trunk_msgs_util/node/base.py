@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterEvent
@@ -42,7 +42,7 @@ _SPEAKS_S = 1.0
 class DuplicateNodeError(TrunkError):
     """Another process of this machine has a node of this name."""
 
-    exit_code: ClassVar[int] = EXIT_FAILED
+    exit_code = EXIT_FAILED
 
 
 class TrunkNode(ManagedNode, Generic[Config]):
