@@ -70,6 +70,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+MISSING = "a file that is not there"
 VERBS: Mapping[str, Arguments] = {
     **of_recording(Path("base.mcap"), Path("base.mcap"), Path()),
     **{
@@ -84,7 +85,7 @@ VERBS: Mapping[str, Arguments] = {
     "list": ("list", "scenarios"),
     "plan": ("plan", "demo", "-o", "plan.yaml", "--force"),
     "an unknown verb": ("nothing",),
-    "a file that is not there": ("verify", "--json", "nothing.mcap"),
+    MISSING: ("verify", "--json", "nothing.mcap"),
 }
 
 
@@ -106,6 +107,20 @@ def test_the_exit_code_is_as_usual_and_nothing_else_is_said(
     code, said = run(VERBS[name], *STREAMS[streams], folder)
     assert (code, "Traceback" in said, "Exception" in said) == (usual(name, folder), False, False)
     assert (folder / "base.mcap").read_bytes() == before
+
+
+FULL = "trunk: error: standard output: No space left on device: free some space, or give another place\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "stream", "said"),
+    [*((name, "", FULL) for name in ("verify", "info --json", "list", "--help")), (MISSING, 2, "")],
+)
+def test_a_full_device_is_named(folder: Path, name: str, stream: object, said: str) -> None:
+    trunk = find_executable("trunk_experiments", "trunk")
+    words = ["bash", "-c", f'"$@" {stream}>/dev/full', "", trunk, *map(str, VERBS[name])]
+    done = finished(words, cwd=folder)
+    assert (done.returncode, done.stderr) == (2, said)
 
 
 @pytest.mark.parametrize(

@@ -14,12 +14,17 @@ from typing import Any, NoReturn, TextIO
 
 
 class _ForLeavingReaders(io.FileIO):
-    """A descriptor that drops what nobody reads any more, so that ``| head`` changes no exit code."""
+    """A descriptor that drops what nobody reads any more, so that ``| head`` changes no exit code.
+
+    So is what a full disk keeps of stderr: there is no other place to say it. Of stdout, an error names it.
+    """
 
     def write(self, data: Any, /) -> int:  # any buffer
         try:
             return super().write(data)
-        except BrokenPipeError:
+        except OSError as error:
+            if not (isinstance(error, BrokenPipeError) or self.name == 2):
+                raise OSError(error.errno, error.strerror, "standard output") from None
             return memoryview(data).nbytes
 
 
