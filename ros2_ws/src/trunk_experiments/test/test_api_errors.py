@@ -49,7 +49,7 @@ MISTAKES = {
         lambda: trunk.plan("fig8", overrides={"fuzzy_pid.rules.kd": ["B B B"] * 7}),
         "rules.kd: .* is not allowed",
     ),
-    "duration": (lambda: trunk.plan("fig8", duration=-1.0), "duration or rate: .*duration': -1.0"),
+    "duration": (lambda: trunk.plan("fig8", duration=-1.0), "duration: simulator: .*': -1.0"),
     "rate": (lambda: trunk.plan("fig8", rate=[1.0]), r"rate \[1.0\]: a number is needed"),
     "swap": (
         lambda: trunk.plan("fig8", swaps=["4:pid"]),

@@ -184,9 +184,15 @@ BAD = {
     ),
     "a negative duration": (
         ("fig6", "pid"),
-        {"everywhere": {"duration": -1.0}},
+        {"everywhere": {"duration": -1.0}, "source": "--"},
         ParameterFileError,
-        "the command line",
+        "--duration: simulator: ",
+    ),
+    "a negative rate": (
+        ("fig6", "pid"),
+        {"everywhere": {"duration": 1.0, "update_rate": -1.0}},
+        ParameterFileError,
+        "rate: simulator: ",
     ),
 }
 

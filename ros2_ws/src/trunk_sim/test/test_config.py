@@ -91,6 +91,8 @@ def test_a_path_has_at_most_32_harmonics(name):
         (SimulatorConfig, "max_effort", 0.0, "double, > 0"),
         (SimulatorConfig, "wait_for", ["nobody"], "string array, each one of effort_command"),
         (SimulatorConfig, "plant.masss", 1.0, "no such parameter; did you mean 'plant.hip_mass'?"),
+        (SimulatorConfig, "plant.mass", 1.0, "'plant.hip_mass' or 'plant.trunk_mass'?"),
+        (SimulatorConfig, "link.loss", 1.0, "did you mean 'link.state.loss' or "),
         (
             DisturbanceConfig,
             "pulse.start_times",

@@ -136,7 +136,6 @@ def plan(
         layers_of(overrides, acting),
         everywhere,
         swaps=turns,
-        source="duration or rate",
         pushes=list(names_of(pushes, "pushes")),
     )
     return Plan(made)

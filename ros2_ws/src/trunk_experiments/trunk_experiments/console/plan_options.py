@@ -202,6 +202,7 @@ def plan_of(
         below=below,
         external=external,
         pushes=pushes,
+        source="--",
     )
     show_warnings(plan.warnings)
     return plan

@@ -231,6 +231,10 @@ class RunPlan:
         )
 
 
+# What options and arguments call the parameters that they set for all nodes.
+_GIVEN_AS = {"update_rate": "rate", "lockstep.enabled": "lockstep", "lockstep.speed": "speed"}
+
+
 def make_plan(
     scenario: str,
     controller: str,
@@ -240,7 +244,7 @@ def make_plan(
     namespace: str = "",
     swaps: Sequence[Swap] = (),
     others: Sequence[str] = (),
-    source: str = "the command line",
+    source: str = "",
     standby: Sequence[str] = (),
     below: Mapping[str, object] | None = None,
     external: str | None = None,
@@ -259,8 +263,8 @@ def make_plan(
     this name, or, if empty, by the node's own.
     ``pushes``: pulses on top of the disturbances, as `pushes.parse_push` reads them.
     ``quiet``: the disturbance stays in the plan even if it does nothing, for those who change its values.
-    ``others``: nodes that ``settings`` may name besides those of this run. ``source`` names
-    ``everywhere`` in messages.
+    ``others``: nodes that ``settings`` may name besides those of this run. ``source``: what messages put
+    before the names of ``everywhere``, such as the dashes of options.
     Raises PlanError, ParameterFileError or ParameterError, each one line that says what to do.
     """
     if controller not in CONTROLLERS:
@@ -270,17 +274,19 @@ def make_plan(
         )
     turns = turns_of(controller, swaps) if external is None else {}
     standby = [name for name in dict.fromkeys(standby) if name not in turns]
-    layers = [Layer(source, (Section("/**", dict(below or {})),)), *scenario_layers(scenario)]
+    layers = [Layer("defaults", (Section("/**", dict(below or {})),)), *scenario_layers(scenario)]
     files = [read(find_file(name)) for name in params]
     layers += files
-    if everywhere:
-        layers.append(Layer(source, (Section("/**", dict(everywhere)),)))
+    layers += [
+        Layer(f"{source}{_GIVEN_AS.get(name, name)}", (Section("/**", {name: value}),))
+        for name, value in (everywhere or {}).items()
+    ]
     single = [
         setting if isinstance(setting, Layer) else parse_setting(setting) for setting in settings
     ]
     layers += single
     check_names(layers, declared_names())
-    layers += [Layer(source, (Section(name, {"autostart": False}),)) for name in standby]
+    layers += [Layer("standby", (Section(name, {"autostart": False}),)) for name in standby]
     reference = () if external is None else ("reference",)
     taking = ("simulator", *turns, *standby, "disturbance", *reference, "recorder")
     check_targets(single, (*taking, *others))

@@ -287,11 +287,18 @@ def unknown_name(name: str, known: Iterable[str]) -> str:
         return f"no such parameter; a cell of a table has a column too: {name}.COLUMN"
     gain = re.fullmatch(r"(?:gains\.)?k([pid])", name, re.IGNORECASE)
     close = [meant for meant in known if gain and meant.startswith(f"gains.{gain[1].lower()}")][:2]
-    close = close or get_close_matches(name, known, n=1)
+    close = close or _with_word(name, known) or get_close_matches(name, known, n=1)
     advice = (
         f"did you mean {' or '.join(map(repr, close))}?" if close else "trunk params lists them all"
     )
     return f"no such parameter; {advice}"
+
+
+def _with_word(name: str, known: Sequence[str]) -> list[str]:
+    """Return the first names of the same table that have the last part of a name as one of their words."""
+    table, dot, word = name.rpartition(".")
+    parts = {full: re.split(r"[._]", full.removeprefix(table + dot)) for full in known}
+    return [full for full, words in parts.items() if full.startswith(table) and word in words][:4]
 
 
 def build(config: type[Config], values: Mapping[str, object]) -> Config:
