@@ -60,7 +60,7 @@ def test_a_key_that_the_schema_does_not_know_is_found(recordings_here, command_s
         ("compare", 2, "Missing argument 'RUN...'"),
         ("metricz a.mcap", 2, "did you mean 'metrics'?"),
         ("metrics a.mcap --nix", 2, "No such option"),
-        ("list", 2, "No such option '--json'"),
+        ("tune", 2, "No such option '--json'"),
         ("params nix", 2, "params 'nix': give show, set, apply, or a node"),
         ("run fig8 --duration 0", 2, "a recorded run needs an end"),
     ],

@@ -103,6 +103,12 @@ def test_a_folder_with_metadata_is_one_run(short_run, tmp_path, told):
     assert found["file"] == str(bag)
 
 
+def test_alone_it_says_what_can_be_listed(told):
+    code, out, err = told()
+    assert (code, err) == (0, "")
+    assert all(f"\n  {what} " in out for what in ("runs", "scenarios", "files", "controllers"))
+
+
 def test_a_scenario_is_described_in_its_line(told):
     assert "demo  Ten seconds at 200 Hz: the trunk recovers from 30 deg" in told("scenarios")[1]
 

@@ -88,7 +88,14 @@ class ListControllersResult(Result, document="list-controllers-1"):
     controllers: Mapping[str, ListedController]
 
 
-@click.group("list", cls=Verbs)
+class _Lists(Verbs):
+    """Alone, it says what it can list."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, args or ["--help"])
+
+
+@click.group("list", cls=_Lists)
 def command() -> None:
     """List recorded runs, or what is shipped: scenarios, files, studies, controllers, schemas."""
 
