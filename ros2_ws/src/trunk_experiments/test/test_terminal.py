@@ -53,6 +53,32 @@ def test_an_error_shows_the_name_that_was_given(monkeypatch):
     assert not set(said) & {"\x1b", "\x07"}
 
 
+LONG = 3000 * "n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (LONG,),
+        ("list", LONG),
+        ("verify", LONG),
+        ("verify", 400 * "\x1b"),
+        ("simulate", LONG, "-o", "x.mcap"),
+        ("simulate", "demo", "-o", LONG),
+        ("simulate", "demo", "-o", "x.mcap", f"--{LONG}"),
+        ("simulate", "demo", "-o", "x.mcap", "--set", f"pid.{LONG}=3"),
+        ("simulate", "demo", "-o", "x.mcap", "--push", LONG),
+        ("plan", "demo", "-o", "x.yaml", "--namespace", LONG),
+    ],
+    ids=lambda words: " ".join(words)[:40],
+)
+def test_no_line_is_longer_than_500_characters(trunk, words):
+    code, out, err = trunk(*words, "--json")
+    assert (code, err.count("\n")) == (2, 1)
+    assert len(err) <= 500
+    assert err == f"trunk: error: {json.loads(out)['error']}\n"
+
+
 def test_json_has_the_content_of_the_file(monkeypatch, evil):
     said = says(monkeypatch, "info", evil, "--json")
     assert json.loads(said)["provenance"] == dict(Recording.open(evil).provenance)

@@ -9,6 +9,7 @@ from signal import Signals
 from typing import Any
 
 from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
+from trunk_msgs_util.text import bounded
 
 
 class PlanError(TrunkError):
@@ -103,6 +104,6 @@ def show_warnings_plainly() -> None:
     """Show Python's warnings as one line each on stderr, like the command's own."""
 
     def show(message: Warning | str, *_more: Any, **_named: Any) -> None:
-        print(f"trunk: warning: {message}", file=sys.stderr)
+        print(f"trunk: warning: {bounded(str(message))}", file=sys.stderr)
 
     warnings.showwarning = show

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.text import PrintableStream, printable
+from trunk_msgs_util.text import PrintableStream, bounded, printable
 
 
 @pytest.mark.parametrize(
@@ -22,6 +22,16 @@ def test_text_stays_as_it_is(text):
 @pytest.mark.parametrize("number", [0, 7, 8, 13, 0x1B, 0x7F, 0x9B, 0x202E, 0x2066, 0xDC80])
 def test_a_character_that_controls_a_terminal_is_written_out(number):
     assert printable(f"a{chr(number)}b") == f"a\\u{number:04x}b"
+
+
+@given(st.lists(st.sampled_from(["is", "not", "'" + "n" * 3000 + ".mcap':", "/a" * 100, "x" * 61])))
+def test_a_message_is_bounded_whatever_names_are_in_it(words):
+    text = " ".join(words)
+    shown = bounded(text)
+    assert len(shown) <= 480
+    assert (shown == text) == (len(text) <= 480)
+    assert shown[:30] == text[:30]
+    assert shown[-29:] == text[-29:]
 
 
 @given(st.text())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .text import bounded
+
 EXIT_FAILED = 1  # a run or a check failed
 EXIT_USAGE = 2  # an argument, a parameter, a file or a library cannot be used
 EXIT_DEFECT = 70  # a defect of ours, with a traceback: EX_SOFTWARE, as 1 and 2 are also verdicts
@@ -16,6 +18,9 @@ class TrunkError(Exception):
     """
 
     exit_code: int = EXIT_USAGE
+
+    def __str__(self) -> str:
+        return bounded(super().__str__())
 
 
 class RecordingError(TrunkError):

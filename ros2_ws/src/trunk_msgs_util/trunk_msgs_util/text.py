@@ -12,6 +12,8 @@ _UNPRINTABLE = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
 
+LONGEST_MESSAGE = 480
+
 
 def printable(text: str) -> str:
     r"""Return the text with each character that acts on a terminal written as JSON would: ``\u001b``."""
@@ -21,6 +23,22 @@ def printable(text: str) -> str:
 def shortened(text: str, longest: int = 40) -> str:
     """Return a text as an error quotes it: of at most so many characters."""
     return text if len(text) <= longest else text[: longest - 3] + "..."
+
+
+def bounded(text: str) -> str:
+    """Return a message of at most 480 characters: its longest words are cut in the middle, then it is itself.
+
+    With what a program puts before it, it stays within 500.
+    """
+    for longest in (240, 120, 60):
+        if len(text) > LONGEST_MESSAGE:
+            text = re.sub(rf"\S{{{longest + 1},}}", lambda m, n=longest: _middle_cut(m[0], n), text)
+    return _middle_cut(text, LONGEST_MESSAGE)
+
+
+def _middle_cut(text: str, longest: int) -> str:
+    half = longest // 2
+    return text if len(text) <= longest else f"{text[:half]}…{text[half - longest + 1 :]}"
 
 
 def quoted_names(names: Sequence[str]) -> str:

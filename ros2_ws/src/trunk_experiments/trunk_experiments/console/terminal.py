@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 from trunk_msgs_util.errors import EXIT_USAGE, TrunkError
-from trunk_msgs_util.text import PrintableStream, printable
+from trunk_msgs_util.text import PrintableStream, bounded, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,16 +27,20 @@ _ADVICE = {
 
 
 def line_of(error: Exception) -> str:
-    """Return an error as one line that says what to do."""
+    """Return an error as one line that says what to do, of bounded length."""
     text = str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         text = f"{error.filename}: {error.strerror}{_ADVICE.get(error.errno or 0, '')}"
-    return " ".join(text.split())
+    return _line(text)
+
+
+def _line(text: str) -> str:
+    return bounded(printable(" ".join(text.split())))
 
 
 def print_error(text: str) -> str:
     """Print a mistake to stderr; return it as one line."""
-    line = " ".join(text.split())
+    line = _line(text)
     print(f"trunk: error: {line}", file=sys.stderr)
     return line
 
@@ -50,7 +54,7 @@ def report_error(error: TrunkError | OSError) -> int:
 def show_warnings(texts: Iterable[str]) -> None:
     """Print warnings to stderr, a line each."""
     for text in texts:
-        click.echo(f"trunk: warning: {text}", err=True)
+        click.echo(f"trunk: warning: {_line(text)}", err=True)
 
 
 def console(stderr: bool = False) -> Console:

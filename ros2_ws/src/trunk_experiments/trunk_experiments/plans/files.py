@@ -70,9 +70,9 @@ def checked_namespace(text: str) -> str:
     if text in ("", "/"):
         return ""
     namespace = "/" + text.strip("/")
-    if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
+    if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace) or len(namespace) > 100:
         raise PlanError(
-            f"namespace {text!r} is not allowed: letters, digits and _, no digit first, "
+            f"namespace {text!r} is not allowed: at most 100 letters, digits and _, no digit first, "
             "such as robot1 or left/robot1"
         )
     return namespace

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from trunk_msgs_util.text import printable
+from trunk_msgs_util.text import bounded, printable
 from trunk_msgs_util.units import seconds
 
 from ..results import OMITTED, Count, html_table
@@ -195,11 +195,11 @@ def verification(run: RecordedRun, verdict: Verdict) -> Verification:
         verdict=verdict.word,
         extent=verdict.judged or None,
         parts=tuple(parts),
-        altered=verdict.altered,
-        contradictions=verdict.contradictions,
-        obstacles=verdict.obstacles,
-        not_judged=verdict.unjudged,
-        notes=verdict.notes,
+        altered=[*map(bounded, verdict.altered)],
+        contradictions=[*map(bounded, verdict.contradictions)],
+        obstacles=[*map(bounded, verdict.obstacles)],
+        not_judged=[*map(bounded, verdict.unjudged)],
+        notes=[*map(bounded, verdict.notes)],
         signature=verdict.signature,
-        reasons=verdict.reasons,
+        reasons=[*map(bounded, verdict.reasons)],
     )

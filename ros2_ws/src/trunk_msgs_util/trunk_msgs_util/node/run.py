@@ -24,7 +24,7 @@ from rclpy.utilities import remove_ros_args
 from ..errors import EXIT_FAILED, EXIT_USAGE, TrunkError
 from ..parameters.declarations import of_every_node, table_of, unknown_name
 from ..parameters.files import ParameterFileError, read
-from ..text import printable
+from ..text import bounded, printable
 from . import middleware
 from .base import TrunkNode
 from .executor import LoopExecutor
@@ -229,7 +229,7 @@ def _close(nodes: list[TrunkNode[Any]]) -> None:
 
 
 def _say(name: str, error: Exception, exit_code: int) -> int:
-    line = printable(" ".join(str(error).split()))
+    line = bounded(printable(" ".join(str(error).split())))
     print(f"{name}: error: {line}", file=sys.stderr, flush=True)
     return exit_code
 
