@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from ros2_ws.src.trunk_experiments.test.c_programs import STRICT, compiled_once
 from ros2_ws.src.trunk_experiments.test.random_plans import random_plan
 
 from trunk_control.laws import law_named
@@ -30,10 +31,7 @@ from trunk_experiments.runs.loop_inputs import check_compilable, states_of
 from trunk_experiments.runs.schedule import Schedule
 from trunk_msgs_util.recording.joint_table import Integers
 
-from ..finished import finished
-
 NAMES = ("states", "surroundings", "state", "participants", "noise", "history", "schedule", "out")
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 
 
 def loop_and_arguments(plan: RunPlan) -> tuple[Any, tuple[Any, ...]]:
@@ -89,9 +87,7 @@ def table_in_c(plan: RunPlan, folder: Path) -> tuple[Any, bool]:
     source, library = folder / "loop.c", folder / "loop.so"
     source.write_text(closed_loop(loop, arguments))
     compiler = shutil.which("gcc") or shutil.which("clang") or "cc"
-    words = [compiler, *STRICT, "-O2", "-shared", "-fPIC", str(source), "-o", str(library)]
-    done = finished(words)
-    assert done.returncode == 0, done.stderr
+    assert compiled_once([compiler, *STRICT, "-O2", "-shared", "-fPIC", source], library) == ""
     code = ctypes.CDLL(str(library))
     code.trunk_loop_out.restype = ctypes.c_void_p
     code.trunk_loop_run.restype = ctypes.c_int64

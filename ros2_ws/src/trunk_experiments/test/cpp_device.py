@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import shutil
-import subprocess
 from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
@@ -14,6 +13,8 @@ import numpy as np
 
 from trunk_experiments.analysis.metrics import MetricNumbers
 from trunk_experiments.batch.kernel import FATES, Computed, Kernel, Words
+
+from .c_programs import compiled_once
 
 COMPILER = shutil.which("g++") or shutil.which("clang++")
 FLAGS = ("-O2", "-ffp-contract=off", "-x", "c++", "-shared", "-fPIC", "-std=c++17")
@@ -75,7 +76,5 @@ class CppDevice:
         source = self._folder / f"{sha256(text.encode()).hexdigest()[:16]}.cpp"
         source.write_text(_BEFORE + text + _BEHIND)
         library = source.with_suffix(".so")
-        command = [str(COMPILER), *self._flags, str(source), "-o", str(library)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
+        assert compiled_once([str(COMPILER), *self._flags, source], library) == ""
         return ctypes.CDLL(str(library))

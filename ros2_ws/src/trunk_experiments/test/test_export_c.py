@@ -22,7 +22,7 @@ from trunk_experiments.export_c.program import real_literal
 from trunk_experiments.export_c.replay import swinging_rows
 from trunk_experiments.plans.nodes import CONTROLLERS
 
-from .c_programs import COMPILER, STRICT, Compiled, needs_compiler
+from .c_programs import COMPILER, STRICT, Compiled, compiled_once, needs_compiler
 from .exported_laws import CHANGES, readings
 from .faulty_laws import HONEST
 
@@ -67,9 +67,7 @@ def built(folder, sources, *flags, compiler=COMPILER):
     """Return a program of these sources; a warning is an error."""
     binary = folder / "program"
     strict = STRICT[1:] if "c++" in flags else STRICT  # without -std=c99
-    words = [compiler, *strict, *flags, *map(str, sources), "-o", str(binary)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    assert compiled_once([compiler, *strict, *flags, *sources], binary) == ""
     return binary
 
 
@@ -92,9 +90,7 @@ def test_the_files_compile_without_warnings_and_replay(name, bare, tmp_path):
     compiler = shutil.which("g++")
     if compiler and not bare:
         flags = ["-x", "c++", *STRICT[1:], "-std=c++17", "-O2"]
-        words = [compiler, *flags, "-c", str(sources[0]), "-o", str(tmp_path / "x.o")]
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stderr) == (0, "")
+        assert compiled_once([compiler, *flags, "-c", sources[0]], tmp_path / "x.o") == ""
 
 
 @needs_compiler
