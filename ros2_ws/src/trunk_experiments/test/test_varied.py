@@ -19,7 +19,6 @@ from trunk_experiments.study.rows import (
     make_bases,
     outcomes,
     plan_of,
-    row_at,
     rows_of,
     shared_batch,
 )
@@ -151,16 +150,13 @@ def each_alone(study, bases, columns):
 def test_rows_made_together_have_the_bits_of_rows_made_alone(names, settings):
     study = study_of(names, settings)
     bases, columns = make_bases(study), design(study, 0, study.total)
-    ended, fall_angles = outcomes(study, bases, columns)
+    ended = outcomes(study, bases, columns)
     expected = each_alone(study, bases, columns)
     for i, summary in enumerate(expected):
         if isinstance(summary, str):
             assert ended.refused[i] == summary
-            assert np.isnan(fall_angles[i])
         else:
             assert ended.summary(i) == summary
-            plan = plan_of(study, bases, row_at(columns, i))
-            assert fall_angles[i] == plan.simulator.fall_angle
 
 
 def test_a_study_of_doubles_makes_no_plan_of_its_own_for_a_row(monkeypatch):
