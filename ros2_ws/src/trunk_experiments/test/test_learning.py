@@ -97,7 +97,7 @@ def test_the_verb_says_what_it_found_on_other_draws(tmp_path):
     file, output = tmp_path / "study.yaml", tmp_path / "learned.yaml"
     file.write_text(STUDY)
     words = ["tune", "optimise", "--study", str(file), "--controller", "pid", "--generations", "1"]
-    words += ["--workers", "2"]
+    words += ["--jobs", "2"]
     done = CliRunner().invoke(trunk, [*words, "--population", "4", "-o", str(output), "--json"])
     assert done.exit_code == 0, done.exception
     document = checked(done.stdout, "tune-1")

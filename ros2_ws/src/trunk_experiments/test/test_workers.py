@@ -52,6 +52,11 @@ def test_endless_items_are_taken_on_demand():
     results.close()
 
 
+def test_there_is_a_worker_for_each_core_that_may_be_used(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {3})
+    assert workers.cores() == 1
+
+
 @pytest.mark.slow
 def test_blocks_are_made_on_demand(sweep, monkeypatch):
     monkeypatch.setattr(module, "worker_pool", _one_thread)

@@ -21,6 +21,11 @@ Result = TypeVar("Result")
 IN_FLIGHT = 3  # tasks per process: one running, the others ready to follow
 
 
+def cores() -> int:
+    """Return how many cores this process may use: fewer than the machine has in a container, for one."""
+    return len(os.sched_getaffinity(0))
+
+
 def worker_pool(count: int) -> Executor:
     """Return a pool whose processes end with this one, even when it is killed."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # per worker: there is one worker per core

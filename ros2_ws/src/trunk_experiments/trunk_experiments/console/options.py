@@ -91,6 +91,12 @@ def file_option(*names: str, help: str, metavar: str = "FILE") -> Callable[[Func
     return click.option(*names, type=click.Path(path_type=Path), metavar=metavar, help=help)
 
 
+def jobs_option(text: str) -> Callable[[Function], Function]:
+    """Return a decorator that adds ``--jobs``, None for as many as `workers.cores`."""
+    text += "  [default: one per core that may be used]"
+    return click.option("--jobs", type=click.IntRange(1, 1024), help=text)
+
+
 def device_option(function: Function) -> Function:
     """Add the option ``device``: what makes a study's runs."""
     return click.option(

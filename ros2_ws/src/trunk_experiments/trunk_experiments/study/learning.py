@@ -86,13 +86,13 @@ def learn(
     population: int | None,
     seed: int,
     held_out_seed: int,
-    workers: int,
+    jobs: int,
     progress: Progress,
 ) -> Learned:
     """Search a contender's parameters for the least cost on a study's draws, and judge it on those of a seed.
 
     The cost is the metric's mean over the draws; a fall counts as `FALL` times the start's mean. By CMA-ES
-    (N. Hansen), seeded: the same seed gives the same result, whatever the number of workers. Raises
+    (N. Hansen), seeded: the same seed gives the same result, whatever the number of ``jobs``. Raises
     StudyError for a contender that is not in the study, and for a seed whose draws are those of the search.
     """
     label = _label(study, controller)
@@ -110,7 +110,7 @@ def learn(
             f"{study.source}: {label} falls in each of its {study.runs} draws: begin elsewhere"
         )
     fall = FALL * start.mean
-    with crew(draws, label, metric, workers) as evaluate:
+    with crew(draws, label, metric, jobs) as evaluate:
         values, after, runs = _searched(
             space, evaluate, fall, generations, population, seed, progress
         )
@@ -199,15 +199,15 @@ def _metric(summary: RunSummary, name: str) -> float:
 
 
 @contextmanager
-def crew(draws: Draws, label: str, metric: str, workers: int) -> Iterator[Evaluate]:
+def crew(draws: Draws, label: str, metric: str, jobs: int) -> Iterator[Evaluate]:
     """Yield a function that evaluates candidates in worker processes, each over all draws in lanes.
 
     One worker is this process.
     """
-    if workers == 1:
+    if jobs == 1:
         yield lambda candidates: [outcome(draws, label, v, metric) for v in candidates]
         return
-    pool = worker_pool(workers)
+    pool = worker_pool(jobs)
 
     def evaluate(candidates: Sequence[Values]) -> list[Floats]:
         futures = [pool.submit(outcome, draws, label, v, metric) for v in candidates]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,7 +25,7 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_table import Floats
 
 from ..analysis.metrics import QUANTITIES
-from ..batch.workers import as_completed_bounded, worker_pool
+from ..batch.workers import as_completed_bounded, cores, worker_pool
 from ..errors import PlanError, StudyError, SweepError
 from ..plans.plan import RunPlan
 from ..results import OMITTED, As, Count, Result
@@ -189,10 +188,10 @@ def _numbered_growths(plans: list[RunPlan]) -> Iterator[tuple[int, float | str]]
     if len(plans) < _MANY:
         yield from map(_growth_of, enumerate(plans))
         return
-    cores = len(os.sched_getaffinity(0))
+    count = cores()
     try:
-        with worker_pool(cores) as pool:
-            yield from as_completed_bounded(pool, _growth_of, enumerate(plans), _CHUNK * cores)
+        with worker_pool(count) as pool:
+            yield from as_completed_bounded(pool, _growth_of, enumerate(plans), _CHUNK * count)
     except BrokenProcessPool:
         raise SweepError(
             "a worker process was killed (out of memory?): run the same command again, or give "

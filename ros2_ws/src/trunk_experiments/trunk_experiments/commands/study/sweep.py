@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ import click
 
 from ...analysis.metrics import QUANTITIES
 from ...console.document import json_option, write_json
-from ...console.options import device_option, exclude, names_or_files, studies
+from ...console.options import device_option, exclude, jobs_option, names_or_files, studies
 from ...console.outputs import check_output, output_options
 from ...console.progress import progress_bar
 from ...console.tables import print_table
@@ -52,11 +51,7 @@ class SweepResult(Result, document="sweep-1"):
 @click.command("sweep")
 @click.argument("study", shell_complete=names_or_files(studies))
 @output_options("The Parquet file to write; needed without --sobol.")
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, 1024),
-    help="Processes on this machine.  [default: one per core]",
-)
+@jobs_option("Processes on this machine.")
 @click.option(
     "--scheduler",
     metavar="tcp://HOST:PORT",
@@ -185,13 +180,14 @@ def runner_of(
     maker: OnDevice | None, jobs: int | None, scheduler: str | None, blocks: int
 ) -> Runner:
     """Return the runner of at most so many blocks."""
+    from ...batch.workers import cores
     from ...study.sweep import dask_runner, device_runner, processes
 
     if maker is not None:
         return device_runner(maker)
     if scheduler is not None:
         return dask_runner(scheduler)
-    return processes(max(1, min(jobs or len(os.sched_getaffinity(0)), blocks)))
+    return processes(max(1, min(jobs or cores(), blocks)))
 
 
 def _print_indices(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -15,7 +14,7 @@ from trunk_msgs_util.units import seconds
 
 from ...analysis.metrics import JUDGED
 from ...console.document import json_option
-from ...console.options import FiniteRange, Function, exclude
+from ...console.options import FiniteRange, Function, exclude, jobs_option
 from ...console.outputs import check_output, output_options
 from ...console.plan_options import ControllerName, loop_options, loop_plan
 from ...console.progress import progress_bar
@@ -165,7 +164,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
     type=click.IntRange(0, 2**31 - 1),
     help="With --study: of the draws by which the result is judged.  [default: the study's + 1]",
 )
-@click.option("--workers", type=click.IntRange(1, 1024), help="With --study.  [default: all cores]")
+@jobs_option("With --study: processes on this machine.")
 def optimise_command(
     controller: str,
     scenarios: tuple[str, ...],
@@ -175,7 +174,7 @@ def optimise_command(
     seed: int,
     study: str | None,
     held_out_seed: int | None,
-    workers: int | None,
+    jobs: int | None,
     **options: Any,
 ) -> None:
     """Search for the smallest mean of a metric over scenarios, or over the draws of a study.
@@ -196,7 +195,7 @@ def optimise_command(
     if study is not None:
         own = "scenarios", "params", "settings", "rate"
         exclude("--study has its own scenario, parameters and rate", *own)
-        _learn(study, controller, searched, held_out_seed, workers, options)
+        _learn(study, controller, searched, held_out_seed, jobs, options)
         return
     plan = partial(loop_plan, controller, options["params"], options["settings"], options["rate"])
     with progress_bar("generations") as tell:
@@ -222,10 +221,11 @@ def _learn(
     controller: str,
     searched: dict[str, Any],
     held_out_seed: int | None,
-    workers: int | None,
+    jobs: int | None,
     options: dict[str, Any],
 ) -> None:
     """Search on a study's draws; print and write what it gave, with what it does on other draws."""
+    from ...batch.workers import cores
     from ...study.learning import learn
     from ...study.study import read_study
     from .document import SearchResult
@@ -238,7 +238,7 @@ def _learn(
         learned = learn(
             study, controller, **searched,
             held_out_seed=other,
-            workers=workers or os.cpu_count() or 1,
+            jobs=jobs or cores(),
             progress=lambda done, best: tell(done, generations, f"best {best:.5g}"),
         )  # fmt: skip
     metric, seed = searched["metric"], searched["seed"]
