@@ -34,7 +34,7 @@ for fig in 7 8 9; do
 done
 trunk plot --force "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$images/plot.png"
 trunk plot --force "$runs"/{demo,pushed,pid}.mcap -o "$images/branches.png"
-trunk rules read examples/rules/mamdani_5x5.fis --input e=error --input e_dot="error rate" --output u=torque \
+trunk rules read examples/rules/mamdani_5x5.fis --input e=error --input e_dot="error rate" --output-variable u=torque \
     -o "$runs/rules.yaml" --picture "$images/rules.png" --force
 trunk report "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$runs/report.html"
 trunk report "$runs/demo.mcap" -o "$runs/surface.html"

@@ -74,7 +74,7 @@ CASES = [
     Case("list-files-1", "list files"),
     Case("list-files-1", "list studies"),
     Case("list-schemas-1", "list schemas"),
-    Case("doctor-1", "info --check cut.mcap", 1),
+    Case("info-check-1", "info --check cut.mcap", 1),
     Case("recover-1", "recover cut.mcap -o new.mcap", 1),
     Case("export-1", "export a.mcap -o a.csv -o a.parquet -o a.npz -o c.mcap"),
     Case("export-c-1", "export-c pid --name hip --like a.mcap -o c"),

@@ -307,14 +307,15 @@ def test_a_jump_is_refused_and_nothing_is_written(engine, tmp_path):
     file = tmp_path / "jump.fis"
     levels = {"u": (0, 1, ("constant", "[0.2]"), ("constant", "[0.9]"))}
     file.write_text(fis(steps, levels, ["1, 1 (1) : 1", "2, 2 (1) : 1"], **SUGENO))
-    words = ("rules", "read", file, "--input", "e=x", "--output", "kp=u", "--output", "kd=0.5")
+    gives = ("--output-variable", "kp=u", "--output-variable", "kd=0.5")
+    words = ("rules", "read", file, "--input", "e=x", *gives)
     target = tmp_path / "out.yaml"
-    done, error = said(*words, "--output", "alpha=3", "-o", target)
+    done, error = said(*words, "--output-variable", "alpha=3", "-o", target)
     assert done.exit_code != 0
     assert "64 x 64 peaks come no closer" in error
     assert not target.exists()
     raised = re.search(r"--tolerance (\S+) takes", error)[1]
-    done, _ = said(*words, "--output", "alpha=3", "-o", target, "--tolerance", raised)
+    done, _ = said(*words, "--output-variable", "alpha=3", "-o", target, "--tolerance", raised)
     assert done.exit_code == 0
     assert "greatest deviation" in done.output
 
@@ -322,9 +323,9 @@ def test_a_jump_is_refused_and_nothing_is_written(engine, tmp_path):
 def test_the_verbs_say_what_they_wrote(engine, tmp_path):
     rules, target, picture = (tmp_path / name for name in ("r.fll", "r.yaml", "r.png"))
     done, _ = said("rules", "write", "-o", rules, "--json")
-    assert checked(done.output, "export-fuzzy-1")["outputs"] == ["kp", "kd", "alpha"]
+    assert checked(done.output, "rules-write-1")["outputs"] == ["kp", "kd", "alpha"]
     done, _ = said("rules", "read", rules, "-o", target, "--picture", picture, "--json")
-    document = checked(done.output, "import-fuzzy-1")
+    document = checked(done.output, "rules-read-1")
     assert document["exact"]
     assert document["peaks"] == {"error": 7, "rate": 7}
     assert picture.read_bytes().startswith(b"\x89PNG")

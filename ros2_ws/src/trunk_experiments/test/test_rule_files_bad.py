@@ -131,11 +131,11 @@ BAD = {
     "no term.fcl": changed(FCL, "TERM S := 0.1;", ""),
     "notes.txt": FIS,
 }  # fmt: skip
-WORDS = ("--output", "kd=0.5", "--output", "alpha=3")
+WORDS = ("--output-variable", "kd=0.5", "--output-variable", "alpha=3")
 
 
 def imported(file, *words):
-    words = ("rules", "read", file, "--output", "kp=kp", *WORDS, *words)
+    words = ("rules", "read", file, "--output-variable", "kp=kp", *WORDS, *words)
     return CliRunner().invoke(trunk, [str(word) for word in words])
 
 
@@ -178,8 +178,8 @@ def test_a_sound_file_is_read_whatever_its_encoding(tmp_path, suffix, encoding):
         (("--input", "e=e", "--input", "e_dot=e"), "say which is e and which e_dot"),
         (("--input", "x=e"), "--input 'x=e': give e=NAME"),
         (("--input", "e=e", "--input", "ė=e"), "say which is e and which e_dot"),
-        (("--output", "kp=nix"), "--output 'kp=nix': give u=NAME"),
-        (("--output", "u=kp"), "say what they are: --output u=NAME"),
+        (("--output-variable", "kp=nix"), "--output-variable 'kp=nix': give u=NAME"),
+        (("--output-variable", "u=kp"), "say what they are: --output-variable u=NAME"),
     ],
 )
 def test_wrong_names_are_named(tmp_path, words, says):

@@ -152,7 +152,7 @@ def _state(content: InfoResult) -> str:
 
 
 @dataclass(frozen=True)
-class DoctorResult(RecordingResult, document="doctor-1"):
+class DoctorResult(RecordingResult, document="info-check-1"):
     """The document of ``trunk info --check``."""
 
     fine: Annotated[bool, "No finding but information"]

@@ -26,7 +26,7 @@ _OF_SEVERAL = (
 
 
 @dataclass(frozen=True)
-class LabResult(Result, document="export-web-1"):
+class LabResult(Result, document="lab-1"):
     """The document of ``trunk lab``."""
 
     file: Path

@@ -15,7 +15,7 @@ from trunk_msgs_util.parameters.files import read, write
 
 from ..console.document import json_option, write_json
 from ..console.options import FiniteRange
-from ..console.outputs import FORCE, check_output, output_options
+from ..console.outputs import check_output, output_options
 from ..console.plan_options import ControllerName, parameter_options
 from ..console.terminal import show_warnings
 from ..console.verbs import Verbs
@@ -48,7 +48,7 @@ class ImportedDeviation(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ImportRulesResult(Result, document="import-fuzzy-1"):
+class ImportRulesResult(Result, document="rules-read-1"):
     """The document of ``trunk rules read``."""
 
     file: Path
@@ -77,21 +77,13 @@ def command() -> None:
     help="Which input of the file is the error, which its rate (also ė=); the other follows.",
 )
 @click.option(
-    "--output",
+    "--output-variable",
     "outputs",
     multiple=True,
     metavar="u|kp|kd|alpha=NAME",
     help="Which output is the command, or Kp, Kd and alpha; a number is a constant.",
 )
-@click.option(
-    "-o",
-    "target",
-    type=_FILE,
-    required=True,
-    metavar="FILE",
-    help="The ROS 2 parameter file to write, for --params or --params-file.",
-)
-@click.option("--force", is_flag=True, help=FORCE)
+@output_options("The ROS 2 parameter file to write, for --params or --params-file.", required=True)
 @click.option(
     "--tolerance",
     type=FiniteRange(1e-9, 10.0),
@@ -105,7 +97,7 @@ def read_command(
     file: Path,
     inputs: Sequence[str],
     outputs: Sequence[str],
-    target: Path,
+    output: Path,
     force: bool,
     tolerance: float,
     picture: Path | None,
@@ -117,14 +109,14 @@ def read_command(
     else sampled at up to 64 x 64 peaks. The greatest deviation from pyfuzzylite over 100,000 points is
     printed.
     """
-    check_output(target, (".yaml", ".yml"), force, [file], "-o")
+    check_output(output, (".yaml", ".yml"), force, [file])
     if picture is not None:
         from ..views.plots import SUFFIXES
 
         check_output(
-            picture, tuple(SUFFIXES), force, [file, target], "--picture", chooses_format=True
+            picture, tuple(SUFFIXES), force, [file, output], "--picture", chooses_format=True
         )
-    names = _pairs("--input", inputs, _INPUTS), _pairs("--output", outputs, _OUTPUTS)
+    names = _pairs("--input", inputs, _INPUTS), _pairs("--output-variable", outputs, _OUTPUTS)
     from ..rulebase.importing import import_rules
 
     imported = import_rules(file, *names, tolerance)
@@ -133,7 +125,7 @@ def read_command(
         from ..views.plots import save
 
         save(draw(imported, f"{file.name}: {imported.text}"), picture)
-    write(target, {imported.node: imported.values})
+    write(output, {imported.node: imported.values})
     for term in imported.silent:
         click.echo(f"trunk: warning: {term} is 0 over the whole range", err=True)
     if as_json:
@@ -141,7 +133,7 @@ def read_command(
         result = ImportRulesResult(
             file,
             imported.node,
-            target,
+            output,
             picture,
             imported.exact,
             ImportedPeaks(*imported.peaks),
@@ -154,7 +146,7 @@ def read_command(
     click.echo(f"{file}: {imported.text}")
     if picture is not None:
         click.echo(f"picture: {picture}")
-    click.echo(f"{target}: for --controller {imported.node} --params {target}")
+    click.echo(f"{output}: for --controller {imported.node} --params {output}")
 
 
 def _pairs(option: str, texts: Sequence[str], keys: dict[str, str]) -> dict[str, str]:
@@ -172,7 +164,7 @@ def _pairs(option: str, texts: Sequence[str], keys: dict[str, str]) -> dict[str,
 
 
 @dataclass(frozen=True)
-class ExportRulesResult(Result, document="export-fuzzy-1"):
+class ExportRulesResult(Result, document="rules-write-1"):
     """The document of ``trunk rules write``."""
 
     controller: str

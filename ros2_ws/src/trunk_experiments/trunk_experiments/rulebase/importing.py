@@ -78,7 +78,9 @@ def import_rules(
     node = "fuzzy" if columns[0].key == "u" else "fuzzy_pid"
     variable = [column for column in columns if column.constant is None]
     if not variable:
-        raise RuleFileError(f"{path}: --output gives only constants: name an output of the file")
+        raise RuleFileError(
+            f"{path}: --output-variable gives only constants: name an output of the file"
+        )
 
     def surface(error: Floats, rate: Floats) -> Floats:
         points = {
@@ -180,8 +182,8 @@ def _outputs(engine: RuleEngine, given: Mapping[str, str], path: Path) -> list[_
         if set(names) == set(keys):
             return [_column(engine, key, names[key]) for key in keys]
     raise RuleFileError(
-        f"{path}: its outputs are {', '.join(engine.outputs)[:80]}: say what they are: --output u=NAME, or "
-        "kp=, kd= and alpha= together, each a NAME or a number"
+        f"{path}: its outputs are {', '.join(engine.outputs)[:80]}: say what they are: "
+        "--output-variable u=NAME, or kp=, kd= and alpha= together, each a NAME or a number"
     )
 
 
@@ -191,7 +193,9 @@ def _column(engine: RuleEngine, key: str, name: str) -> _Column:
     except ValueError:
         return _Column(key, engine.output(name).name, None)
     if not isfinite(constant):
-        raise RuleFileError(f"--output {key}={name}: give a finite number or an output's name")
+        raise RuleFileError(
+            f"--output-variable {key}={name}: give a finite number or an output's name"
+        )
     return _Column(key, name, constant)
 
 
