@@ -20,7 +20,10 @@ class EndedError(Exception):
         ("trunk_experiments.replay", "verify", executables._Interrupted),
         ("numba.core.codegen", "verify", EndedError),
         ("llvmlite.binding.ffi", "simulate", EndedError),
-        ("numba.core.codegen", "sweep", executables._Interrupted),  # it has workers to end
+        *(
+            ("numba.core.codegen", verb, executables._Interrupted)  # it has workers to end
+            for verb in ("sweep", "tune optimise", "study map", "study report")
+        ),
     ],
 )
 def test_no_signal_raises_inside_the_compiler(monkeypatch, inside, verb, expected):
@@ -29,7 +32,7 @@ def test_no_signal_raises_inside_the_compiler(monkeypatch, inside, verb, expecte
 
     monkeypatch.setattr(executables, "_end", end)
     monkeypatch.setattr(executables.early_signals, "end_by", lambda action: None)
-    monkeypatch.setattr(sys, "argv", ["trunk", verb])
+    monkeypatch.setattr(sys, "argv", ["trunk", *verb.split()])
     code = {"__name__": inside, "unwind": executables._unwind}
     exec("def compile_it(): unwind(2)", code)
     with pytest.raises(expected):

@@ -17,7 +17,7 @@ from trunk_msgs_util.node import early_signals
 _SAID: list[bool] = []  # not empty: the line has been written
 _PATIENCE = 0.5  # s that a verb has to clean up
 # These start or talk to other processes, and take the time to end them in order.
-_WITH_OTHERS = {"run", "sweep", "paper", "params", "tune", "live", "study map"}
+_WITH_OTHERS = {"run", "sweep", "paper", "params", "tune", "live", "study map", "study report"}
 
 # These have loaded rclpy, and nothing is left to do after them.
 _LEAVE_AT_ONCE = {"params", "run", "live"}
