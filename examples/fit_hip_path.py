@@ -1,4 +1,4 @@
-"""Write the parameter file of the hip path that is nearest to measured points (docs/hip_path.md).
+"""Write the parameter file of the hip path that is nearest to measured points (docs/hardware.md).
 
     python examples/fit_hip_path.py GAIT.csv walk.yaml --harmonics 3
 

@@ -15,6 +15,7 @@ from trunk_control.laws import law_named
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.parameters.files import Layer, Section, check_names, read
+from trunk_msgs_util.provenance import ARITHMETIC
 
 from ..console.document import json_option, write_json
 from ..console.outputs import check_folder, check_not_read, output_options
@@ -118,7 +119,7 @@ def command(
             written,
             exported.digest,
             exported.fingerprint,
-            "portable-1",
+            ARITHMETIC,
             [leaf.declaration.name for leaf in exported.leaves],
             len(rows),
             compared,

@@ -1,1 +1,1 @@
-"""A run in a browser: one process between the page and a running graph, or a recording."""
+"""A run in a browser: one process between the page and a running graph."""

@@ -1,1 +1,1 @@
-"""Parts of pages, one set for live, watch, report and lab; and how a page that is one file holds them."""
+"""Parts of pages, one set for live, report and lab; and how a page that is one file holds them."""

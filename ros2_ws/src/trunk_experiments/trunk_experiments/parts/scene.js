@@ -81,7 +81,7 @@ const scene = (() => {
       context, size,
       {
         path, length, left: middle - half, right: middle + half, low, high,
-        travelled: null, color, fullTorque: Number.isFinite(bound) ? bound : 100, named: known.runs.length > 1,
+        color, fullTorque: Number.isFinite(bound) ? bound : 100, named: known.runs.length > 1,
       },
       {
         x, theta, measured: control.value("measurement", told) * DEGREES, reference, torque,

@@ -15,7 +15,7 @@ const fitCanvas = (canvas, context) => {
 };
 
 // Draw an instant. `scene`: path and its `length` of the trunk in m, `left`, `right`, `low`, `high` in m of what is
-// shown, `travelled` (from, to) in m, `color`, `fullTorque` in N m of half a turn, `named`: its first line is taken. `now`: `x` in m; `theta`,
+// shown, `color`, `fullTorque` in N m of half a turn, `named`: its first line is taken. `now`: `x` in m; `theta`,
 // `measured`, `reference` in degrees; `torque` in N m; `pulse`, a text, and `fell`, a time in s, or null;
 // `ended`: in place of "fell".
 // Returns where things are: `hip` and `tip` in CSS pixels, `scale` in pixels per m.
@@ -34,26 +34,15 @@ const paintStage = (context, { width, tall }, scene, now) => {
     context.lineWidth = 4;
     context.strokeRect(2, 2, width - 4, tall - 4);
   }
-  const curve = (from, to) => {
-    context.beginPath();
-    for (let i = 0; i <= 160; i++) {
-      const at = from + ((to - from) * i) / 160;
-      context.lineTo(px(at), py(height(at)));
-    }
-    context.stroke();
-  };
   context.lineCap = "round";
   context.strokeStyle = cssColor("--path");
   context.lineWidth = 1.2;
-  curve(left - 2, right + 2);
-  if (scene.travelled) {
-    const [from, to] = scene.travelled;
-    context.globalAlpha = 0.3;
-    context.strokeStyle = scene.color;
-    context.lineWidth = 7;
-    curve(Math.max(from, left - 2), Math.min(to, right + 2));
-    context.globalAlpha = 1;
+  context.beginPath();
+  for (let i = 0; i <= 160; i++) {
+    const at = left - 2 + ((right - left + 4) * i) / 160;
+    context.lineTo(px(at), py(height(at)));
   }
+  context.stroke();
 
   const hip = [px(now.x), py(height(now.x))];
   const tip = (degrees, part = 1) => {

@@ -64,7 +64,7 @@ Runner = Callable[[Iterable[RunBlock]], Iterator[tuple[int, pa.Table]]]
 @cache
 def sources() -> str:
     """Return a hash of the sources and of the libraries that determine a run's numbers."""
-    libraries = {name: version(name) for name in ("numpy", "scipy")}  # for draws
+    libraries = {"numpy": version("numpy")}  # its generators and grids
     libraries |= {"arithmetic": ARITHMETIC, "libm": " ".join(libc_ver()), "machine": machine()}
     libraries |= packages_of_laws()
     libraries["kernel"] = hashlib.sha256("".join(templates()).encode()).hexdigest()[:16]
