@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from trunk_control.fuzzy import fired_rules
 from trunk_experiments.cli import trunk
+from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doctor import INFO, examine
@@ -168,6 +169,10 @@ def test_runs_of_one_reference_share_its_line(views, short_run):
     data = make_report([*views, own]).data
     assert [run["reference"] for run in data["runs"]] == [0, 0, 2]
     assert [run["measured"] for run in data["runs"]] == [True, True, False]
+
+
+def test_every_controller_is_offered_for_a_branch(page):
+    assert f"with any controller ({', '.join(CONTROLLERS)}) and any" in " ".join(page.words)
 
 
 def test_the_page_has_each_runs_path(views, page, short_run):

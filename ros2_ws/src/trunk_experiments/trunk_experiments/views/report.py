@@ -33,6 +33,7 @@ from trunk_msgs_util.units import seconds
 from ..analysis.metrics import QUANTITIES
 from ..analysis.parameter_text import changed_parameters, differing_texts, full_text, lines_of
 from ..parts.page import REPORT_SCRIPTS, REPORT_STYLES, inline, part, policy, rendered, write_page
+from ..plans.nodes import CONTROLLERS
 from ..recorded.run import RecordedRun
 from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
@@ -154,6 +155,7 @@ def render(report: Report) -> str:
         metric_text=metric_text,
         quantity_label=quantity_label,
         breakable=lambda name: Markup("<wbr>").join(re.split(r"(?<=[._])", name)),
+        controllers=CONTROLLERS,
     )
 
 

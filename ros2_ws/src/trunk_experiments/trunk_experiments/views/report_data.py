@@ -156,7 +156,7 @@ def _columns(view: RunView, own: Sequence[OwnTerm]) -> dict[str, Floats]:
 
 def _others(view: RunView) -> list[tuple[float, str]]:
     """Return, by the time in s from which it is so, a controller that does not act: for a branch."""
-    names = (*view.controllers, "pid", "fuzzy_pid")
+    names = (*view.controllers, *CONTROLLERS)
     return [
         (turn.start, next(name for name in names if name != turn.controller)) for turn in view.turns
     ] or [(0.0, names[0])]
