@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+from trunk_msgs_util.text import plain_number
+
 INPUT_LABELS = ("NB", "NM", "NS", "ZO", "PS", "PM", "PB")
 # The usual names of so many triangles; of nine, the seven with "very big" at either end.
 STANDARD_LABELS: Mapping[int, tuple[str, ...]] = {
@@ -224,6 +226,6 @@ def cell_changes(before: Sequence[str], after: Sequence[str]) -> tuple[CellChang
 
 def _number(cell: str) -> float | None:
     try:
-        return float(cell)
+        return plain_number(cell)
     except ValueError:
         return None

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.console.options import FiniteRange
+from trunk_experiments.console.options import FiniteRange, Number
 from trunk_msgs_util.errors import TrunkError
 
 
@@ -18,13 +18,16 @@ def numeric_options(group, path):
         command = group.get_command(context, name)
         if isinstance(command, click.Group):
             yield from numeric_options(command, (*path, name))
-        elif {*path, name} & {"bench", "tune", "sweep", "map", "paper"}:
-            for option in command.params:
-                if isinstance(option.type, click.types.IntParamType | click.types.FloatParamType):
-                    yield (*path, name), option
+        for option in getattr(command, "params", ()):
+            if isinstance(
+                option.type, click.types.IntParamType | click.types.FloatParamType | Number
+            ):
+                yield (*path, name), option
 
 
-OPTIONS = list(numeric_options(trunk, ()))
+ALL = list(numeric_options(trunk, ()))
+BOUNDED = {"bench", "tune", "sweep", "map", "paper"}
+OPTIONS = [(words, option) for words, option in ALL if BOUNDED & {*words}]
 
 
 def test_there_are_such_options():
@@ -44,6 +47,14 @@ def test_a_number_has_both_ends_and_no_traceback(words, option):
         done = CliRunner().invoke(trunk, [*words, f"{option.opts[0]}={value}"])
         assert done.exit_code == 2, (value, done.exception)
         assert f"Invalid value for '{option.opts[0]}'" in done.output
+
+
+@pytest.mark.parametrize("text", ["1_0", "\u0661", "\uff11"])
+def test_a_number_has_ascii_digits_alone(text):
+    assert len(ALL) > 40
+    for words, option in ALL:
+        with pytest.raises(click.BadParameter):
+            print(words, option.name, option.type.convert(text, option, None))
 
 
 @pytest.mark.one_in(4)

@@ -174,7 +174,13 @@ BAD = {
         ("fig6", "pid", [], ["simulator.plant.length=1_0"]),
         {},
         ParameterFileError,
-        "'1_0' is not allowed: double",
+        "'1_0' is not allowed: there is no unit '_0'",
+    ),
+    "an index in digits of another script": (
+        ("fig6", "pid", [], ["simulator.initial.position[\u0661]=0.1"]),
+        {},
+        ParameterFileError,
+        "initial.position has the elements [0] to [1]",
     ),
     "more than the largest number": (
         ("fig6", "pid", [], ["simulator.max_effort=1e400"]),

@@ -41,6 +41,13 @@ def _middle_cut(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[:half]}…{text[half - longest + 1 :]}"
 
 
+def plain_number(text: str) -> float:
+    """Return a number as `float` does, but only of ASCII digits without underscores. Raises ValueError."""
+    if "_" in text or not text.isascii():
+        raise ValueError(f"{shortened(text)!r} is not a number")
+    return float(text)
+
+
 def quoted_names(names: Sequence[str]) -> str:
     """Return names from a message as a line quotes them: the first few, each of bounded length."""
     shown = [repr(shortened(name)) for name in names[:4]]

@@ -21,7 +21,14 @@ from trunk_msgs_util.parameters.declarations import (
 from trunk_msgs_util.parameters.to_si import number_in, units_of
 
 from ..console.document import json_option, write_json
-from ..console.options import device_option, exclude, names_or_files, studies
+from ..console.options import (
+    FiniteRange,
+    WholeRange,
+    device_option,
+    exclude,
+    names_or_files,
+    studies,
+)
 from ..console.outputs import check_output, output_options
 from ..console.plan_options import ControllerName, parameter_options
 from ..console.progress import progress_bar
@@ -57,7 +64,7 @@ PlanOf = Callable[[str, str], RunPlan]  # of a controller, with a value
 )
 @click.option(
     "--within",
-    type=click.FloatRange(1e-9, 1.0),
+    type=FiniteRange(1e-9, 1.0),
     default=1e-3,
     show_default=True,
     help="How exact, as a share of the range.",
@@ -78,7 +85,7 @@ PlanOf = Callable[[str, str], RunPlan]  # of a controller, with a value
 )
 @click.option(
     "--points",
-    type=click.IntRange(2, 1000),
+    type=WholeRange(2, 1000),
     default=31,
     show_default=True,
     help="With --study: how many values.",

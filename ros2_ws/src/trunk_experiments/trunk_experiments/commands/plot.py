@@ -10,6 +10,7 @@ from typing import Annotated
 import click
 
 from ..console.document import json_option, write_json
+from ..console.options import WholeRange
 from ..console.outputs import OutputResult, check_output, default_name, output_options
 from ..console.reading import open_views, show_warnings_of
 from ..console.terminal import show_warnings
@@ -32,7 +33,7 @@ class PlotResult(OutputResult, document="plot-1"):
 @click.option(
     "--fig",
     "number",
-    type=click.IntRange(6, 9),
+    type=WholeRange(6, 9),
     help="Lay it out like the paper's figure: only the angles, in one plot.",
 )
 @click.option(

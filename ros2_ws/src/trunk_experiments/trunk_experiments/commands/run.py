@@ -15,6 +15,7 @@ from trunk_msgs_util.node import middleware
 from ..analysis.metrics import Metrics
 from ..analysis.run_table import recorded_metrics
 from ..console.document import json_option, write_json
+from ..console.options import Number
 from ..console.outputs import check_not_read, output_options
 from ..console.plan_options import (
     PlanResult,
@@ -75,7 +76,7 @@ class RunResult(PlanResult, _Recorded, document="run-1"):
 @markers_option
 @click.option(
     "--speed",
-    type=float,
+    type=Number(""),
     default=0.0,
     metavar="FACTOR",
     help="Pace of a lock-step run, as a multiple of real time.  [default: as fast as possible]",

@@ -72,6 +72,17 @@ class FiniteRange(click.FloatRange):
         return number
 
 
+class WholeRange(click.IntRange):
+    """A range of integers, in ASCII digits without underscores."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Return the integer. Raises click.BadParameter if it is not one or not in the range."""
+        if isinstance(value, str) and ("_" in value or not value.isascii()):
+            self.fail(f"{value!r} is not a valid {self.name}.", param, ctx)
+        number: int = super().convert(value, param, ctx)
+        return number
+
+
 class Name(click.Choice[str]):
     """One of some names; for any other, the error suggests the closest, or else gives the ``hint``."""
 
@@ -94,7 +105,7 @@ def file_option(*names: str, help: str, metavar: str = "FILE") -> Callable[[Func
 def jobs_option(text: str) -> Callable[[Function], Function]:
     """Return a decorator that adds ``--jobs``, None for as many as `workers.cores`."""
     text += "  [default: one per core that may be used]"
-    return click.option("--jobs", type=click.IntRange(1, 1024), help=text)
+    return click.option("--jobs", type=WholeRange(1, 1024), help=text)
 
 
 def device_option(function: Function) -> Function:

@@ -20,6 +20,7 @@ from ..gateway.process import LOOPBACK, GatewayProcess
 from ..results import Result
 from ..runs.node_processes import Interrupt
 from .document import write_json
+from .options import WholeRange
 
 _LOOK_S = 0.05
 
@@ -37,7 +38,7 @@ def page_options(function: Any) -> Any:
         ),
         click.option(
             "--port",
-            type=click.IntRange(0, 65535),
+            type=WholeRange(0, 65535),
             default=0,
             help="Port of the page.  [default: a free one]",
         ),

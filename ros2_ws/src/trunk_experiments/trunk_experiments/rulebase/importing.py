@@ -13,6 +13,7 @@ import numpy as np
 from trunk_control.rule_tables import MOST, check_labels, input_labels
 from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.recording.joint_table import Floats
+from trunk_msgs_util.text import plain_number
 
 from ..errors import RuleFileError
 from ..plans.nodes import NODES
@@ -189,7 +190,7 @@ def _outputs(engine: RuleEngine, given: Mapping[str, str], path: Path) -> list[_
 
 def _column(engine: RuleEngine, key: str, name: str) -> _Column:
     try:
-        constant = float(name)
+        constant = plain_number(name)
     except ValueError:
         return _Column(key, engine.output(name).name, None)
     if not isfinite(constant):

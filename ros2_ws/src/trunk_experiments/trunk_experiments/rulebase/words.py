@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from trunk_msgs_util.text import plain_number
+
 MOST_RULES = 20_000
 MOST_TERMS = 10_000
 _WORDS = frozenset(
@@ -15,7 +17,7 @@ _WORDS = frozenset(
 def number(text: str, place: str) -> float:
     """Return a number of a file. Raises ValueError for a text that is none, and for NaN."""
     try:
-        value = float(text)
+        value = plain_number(text)
     except ValueError:
         raise ValueError(f"{place}: {text[:30]!r} is not a number") from None
     if value != value:

@@ -313,9 +313,6 @@ class _Reader:
                 value = number_of(str(value), units)
             except UnitError as error:
                 raise self.error(place, f"is {_quoted(value)}: {error}") from None
-        if isinstance(value, str) and re.fullmatch(r"[-+.\deE]+", value):
-            with suppress(ValueError):
-                value = float(value)  # "1e-3" is a number to the user, but not to YAML 1.1
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
             raise self.error(place, f"is {_quoted(value)}: a finite number is needed")
         return float(value)
@@ -348,8 +345,7 @@ class _Reader:
         if isinstance(value, bool | int):
             return value
         quantity = units and looks_like_quantity(value)
-        plain = r"[-+]?[\d.]+[eE][-+]?\d+"
-        if isinstance(value, str) and not quantity and not re.fullmatch(plain, value):
+        if isinstance(value, str) and not quantity:
             return value
         return self.number(value, place, units)
 
@@ -430,7 +426,7 @@ class _Reader:
 
     def target(self, text: str, place: str) -> Target:
         nodes = ("simulator", "disturbance", "controller", *CONTROLLERS)
-        match = re.fullmatch(r"(\w+)\.([\w.]+?)(?:\[(\d+)\])?", text)
+        match = re.fullmatch(r"(\w+)\.([\w.]+?)(?:\[(\d+)\])?", text, re.ASCII)
         if match is None or match[1] not in nodes:
             raise self.error(
                 place,

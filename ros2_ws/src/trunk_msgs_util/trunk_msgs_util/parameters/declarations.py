@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from ..errors import TrunkError
 from ..samples import Value as Value
-from ..text import shortened
+from ..text import plain_number, shortened
 
 Config = TypeVar("Config")
 
@@ -351,7 +351,7 @@ def table_of(name: str, declared: Container[str]) -> str:
 def index_in(name: str, value: object, array: Sequence[object]) -> int:
     """Return the index in ARRAY[INDEX], an element's name. Raises ParameterError if it is not there."""
     whole, _, text = name.removesuffix("]").partition("[")
-    if not text.isdecimal() or int(text) >= len(array):
+    if not (text.isascii() and text.isdecimal()) or int(text) >= len(array):
         raise ParameterError(name, value, f"{whole} has the elements [0] to [{len(array) - 1}]")
     return int(text)
 
@@ -443,7 +443,7 @@ def looks_like_quantity(value: object) -> bool:
     if not isinstance(value, str) or not QUANTITY.match(value):
         return False
     try:
-        float(value)
+        plain_number(value)
     except ValueError:
         return True
     return False

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
+from ..text import plain_number
 from .declarations import Declaration, ParameterError, UnitError, Value, looks_like_quantity
 
 
@@ -95,7 +96,7 @@ def number_in(text: str | float, unit: str) -> float:
     Raises UnitError.
     """
     try:
-        return float(text)
+        return plain_number(text) if isinstance(text, str) else float(text)
     except ValueError:
         return read_quantity(str(text), unit)
 

@@ -13,7 +13,7 @@ from trunk_msgs_util.errors import EXIT_FAILED
 
 from ...conformance.node_judge import findings as findings_of
 from ...console.document import json_option, write_json
-from ...console.options import Number
+from ...console.options import FiniteRange, Number
 from ...console.tables import print_table
 from ...errors import PlanError
 from ...plans.files import checked_namespace
@@ -79,7 +79,7 @@ class CheckNodeResult(Result, document="check-node-1"):
 )
 @click.option(
     "--wait",
-    type=click.FloatRange(0.0, 3600.0),
+    type=FiniteRange(0.0, 3600.0),
     default=10.0,
     show_default=True,
     help="How long to wait for it, s.",

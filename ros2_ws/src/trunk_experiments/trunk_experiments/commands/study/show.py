@@ -11,7 +11,7 @@ import click
 
 from ...analysis.metrics import Metrics
 from ...console.document import json_option, write_json
-from ...console.options import results_argument
+from ...console.options import WholeRange, results_argument
 from ...console.outputs import check_output, output_options
 from ...console.reading import WrittenResult, about_written
 from ...console.terminal import line_of
@@ -43,7 +43,7 @@ class StudyShowResult(WrittenResult, document="study-show-1"):
     "--run",
     "number",
     required=True,
-    type=click.IntRange(min=0),
+    type=WholeRange(min=0),
     metavar="N",
     help="The run's number, from the column run of the results.",
 )

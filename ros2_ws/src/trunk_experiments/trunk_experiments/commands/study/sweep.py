@@ -61,7 +61,7 @@ class SweepResult(Result, document="sweep-1"):
 @click.option("--check", is_flag=True, help="Only check the study and say what it would run.")
 @click.option(
     "--sobol",
-    type=click.IntRange(2, 1 << 24),
+    type=WholeRange(2, 1 << 24),
     metavar="N",
     help="Instead print which drawn parameter matters: Sobol indices by N base points, a power of two; each "
     "controller takes N times (entries + 2) runs.",

@@ -14,7 +14,7 @@ from trunk_msgs_util.units import seconds
 
 from ...analysis.metrics import JUDGED
 from ...console.document import json_option
-from ...console.options import FiniteRange, Function, exclude, jobs_option
+from ...console.options import FiniteRange, Function, WholeRange, exclude, jobs_option
 from ...console.outputs import check_output, output_options
 from ...console.plan_options import ControllerName, loop_options, loop_plan
 from ...console.progress import progress_bar
@@ -147,13 +147,13 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
 @click.option("--controller", type=ControllerName(), default="pid", show_default=True)
 @click.option("--scenario", "scenarios", multiple=True, default=("fig6", "fig7"), show_default=True)
 @click.option("--metric", type=click.Choice(JUDGED), default="itae", show_default=True)
-@click.option("--generations", type=click.IntRange(1, 100_000), default=20, show_default=True)
+@click.option("--generations", type=WholeRange(1, 100_000), default=20, show_default=True)
 @click.option(
     "--population",
-    type=click.IntRange(2, 1000),
+    type=WholeRange(2, 1000),
     help="Candidates per number searched, 5; with --study candidates, as CMA-ES recommends.",
 )
-@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
+@click.option("--seed", type=WholeRange(0, 2**32 - 1), default=1, show_default=True)
 @click.option(
     "--study",
     metavar="FILE",
@@ -161,7 +161,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
 )
 @click.option(
     "--held-out-seed",
-    type=click.IntRange(0, 2**31 - 1),
+    type=WholeRange(0, 2**31 - 1),
     help="With --study: of the draws by which the result is judged.  [default: the study's + 1]",
 )
 @jobs_option("With --study: processes on this machine.")
