@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import socket
+
 import pytest
 
-from trunk_msgs_util.node.middleware import SettingError, check_settings, patience
+from trunk_msgs_util.node.middleware import (
+    PROFILES_FILE,
+    MiddlewareError,
+    SettingError,
+    check_settings,
+    patience,
+    prepare,
+)
 
 
 @pytest.fixture
@@ -56,10 +67,25 @@ def test_logs_that_go_elsewhere_need_no_home(tmp_path):
         check_settings({})
 
 
-@pytest.mark.parametrize("factor", ["abc", "0", "-1", "inf", "nan"])
+@pytest.mark.parametrize("factor", ["abc", "0", "-1", "inf", "nan", "1_0", "\uff11"])
 def test_a_patience_that_is_not_a_factor(home, factor):
     with pytest.raises(SettingError, match=f"^TRUNK_PATIENCE={factor} is not allowed: a factor"):
         check_settings(home | {"TRUNK_PATIENCE": factor})
+
+
+def test_a_host_that_cannot_reach_itself_is_named(monkeypatch, home, tmp_path):
+    def unreachable(*_: object) -> None:
+        raise OSError(errno.ENETUNREACH, os.strerror(errno.ENETUNREACH))
+
+    monkeypatch.setattr(os, "environ", dict(home))
+    prepare(tmp_path)
+    monkeypatch.setattr(socket.socket, "connect", unreachable)
+    with pytest.raises(
+        MiddlewareError, match=r"^no loopback interface \(Network is unreachable\): nodes of one"
+    ):
+        prepare(tmp_path)
+    monkeypatch.setattr(os, "environ", home | {PROFILES_FILE: "my.xml"})
+    prepare(tmp_path)  # it may use shared memory
 
 
 def test_the_patience_of_nodes_that_end():

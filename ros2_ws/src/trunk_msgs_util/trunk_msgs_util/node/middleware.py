@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Mapping
 from contextlib import suppress
 from math import inf
 from pathlib import Path
 
 from ..errors import TrunkError
+from ..text import plain_number
 
 PROFILES = Path(__file__).with_name("fastdds.xml")
 PROFILES_FILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
@@ -34,13 +36,15 @@ def prepare(shared_memory: Path = _SHARED_MEMORY) -> None:
     A discovery server is asked for all that it knows: the recorder follows nodes of anybody's, on topics on
     which it has no endpoint itself. No node needs this to meet the others of its run.
 
-    Raises MiddlewareError if loading ROS 2 would kill the process, and SettingError if a setting of the
-    environment cannot be used.
+    Raises MiddlewareError if loading ROS 2 would kill the process, or nothing would arrive, and SettingError
+    if a setting of the environment cannot be used.
     """
     check_settings()
     os.environ.setdefault(SUPER_CLIENT, "TRUE")
     if TRANSPORTS not in os.environ:  # with shared memory alone, nobody could reach us by UDP
         os.environ.setdefault(PROFILES_FILE, str(PROFILES))
+        if os.environ[PROFILES_FILE] == str(PROFILES):
+            _check_loopback()
     try:
         room = os.statvfs(shared_memory)
     except OSError:
@@ -51,6 +55,18 @@ def prepare(shared_memory: Path = _SHARED_MEMORY) -> None:
             f"{shared_memory} is full ({free} bytes free): no ROS 2 process can start; free some of it "
             f"(after a crash: rm {shared_memory}/fastrtps_*), or make it larger (docker run --shm-size)"
         )
+
+
+def _check_loopback() -> None:
+    """Raise MiddlewareError where a host's own processes cannot reach one another by UDP."""
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect(("127.0.0.1", 9))  # sends nothing
+    except OSError as error:
+        raise MiddlewareError(
+            f"no loopback interface ({error.strerror}): nodes of one host cannot reach one another: "
+            "ip link set lo up, or start the container with a network"
+        ) from None
 
 
 def _tracing_pages(shared_memory: Path) -> int:
@@ -83,8 +99,8 @@ def patience(environment: Mapping[str, str] = os.environ) -> float:
     """
     text = environment.get("TRUNK_PATIENCE") or "1"
     with suppress(ValueError):
-        if 0.0 < float(text) < inf:
-            return float(text)
+        if 0.0 < (factor := plain_number(text)) < inf:
+            return factor
     raise SettingError(
         f"TRUNK_PATIENCE={text} is not allowed: a factor above 0 for slow machines, or unset it"
     )
