@@ -11,7 +11,14 @@ import click
 
 from ...analysis.metrics import QUANTITIES
 from ...console.document import json_option, write_json
-from ...console.options import device_option, exclude, jobs_option, names_or_files, studies
+from ...console.options import (
+    WholeRange,
+    device_option,
+    exclude,
+    jobs_option,
+    names_or_files,
+    studies,
+)
 from ...console.outputs import check_output, output_options
 from ...console.progress import progress_bar
 from ...console.tables import print_table
