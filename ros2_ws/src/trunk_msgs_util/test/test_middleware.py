@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import socket
 
 import pytest
 
+from trunk_msgs_util.errors import SettingError
 from trunk_msgs_util.node.middleware import (
+    PROFILES,
     PROFILES_FILE,
     MiddlewareError,
-    SettingError,
     check_settings,
     patience,
     prepare,
@@ -31,6 +33,14 @@ def home(tmp_path):
         {"ROS_DOMAIN_ID": "0"},
         {"ROS_DOMAIN_ID": "232", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"},
         {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"},
+        {"ROS_STATIC_PEERS": "127.0.0.1;localhost;", "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"},
+        {"ROS_DISCOVERY_SERVER": ";localhost;127.0.0.1:11811;[::1]:11811;TCPv4:[127.0.0.1]:42100"},
+        {
+            "FASTDDS_BUILTIN_TRANSPORTS": "LARGE_DATA?max_msg_size=1MB",
+            "RCUTILS_COLORIZED_OUTPUT": "",
+        },
+        {"FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILES)},
+        {"ROS_SECURITY_ENABLE": "true"},
     ],
 )
 def test_what_ros_can_use_is_accepted(home, settings):
@@ -44,14 +54,51 @@ def test_a_domain_that_does_not_exist(home, domain):
     assert str(error.value).startswith(f"ROS_DOMAIN_ID={domain} ")
 
 
+_BAD = {  # of each setting, a value that ROS 2 cannot use and what is said of it
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": [
+        ("OFF", "not allowed: nodes do not find one another with this value; SUBNET, LOCALHOST"),
+        ("off", "not allowed: not known; SUBNET, LOCALHOST"),
+    ],
+    "FASTDDS_BUILTIN_TRANSPORTS": [
+        ("NONE", "not allowed: nodes do not find one another"),
+        ("udp", "not allowed: not known; DEFAULT"),
+    ],
+    "RCUTILS_COLORIZED_OUTPUT": [("yes", "not allowed: not known; 0, 1")],
+    "RCUTILS_LOGGING_BUFFERED_STREAM": [("yes", "not allowed: not known; 0, 1")],
+    "RCUTILS_LOGGING_USE_STDOUT": [("yes", "not allowed: not known; 0, 1")],
+    "RCL_LOGGING_SPDLOG_EXPERIMENTAL_OLD_FLUSHING_BEHAVIOR": [
+        ("x", "not allowed: not known; 0, 1")
+    ],
+    "RMW_IMPLEMENTATION": [("rmw_of_another_machine", "not installed here: rmw_ours, or unset it")],
+    "RCL_ASSERT_RMW_ID_MATCHES": [("rmw_other", "not installed here: rmw_ours, or unset it")],
+    "ROS_STATIC_PEERS": [
+        ("robot.invalid", "robot.invalid cannot be used as an address ("),
+        ("127.0.0.1;::1", "::1 cannot be used as an address"),
+    ],
+    "ROS_DISCOVERY_SERVER": [
+        (";robot.invalid:11811", "robot.invalid:11811 cannot be used as an address ("),
+        ("127.0.0.1:99999", "127.0.0.1:99999 cannot be used as an address (ports end at 65535)"),
+    ],
+    "FASTRTPS_DEFAULT_PROFILES_FILE": [
+        ("/nowhere.xml", "cannot be read as XML (No such file or directory): correct or unset it"),
+        (__file__, "cannot be read as XML (not well-formed"),
+    ],
+    "ROS_SECURITY_KEYSTORE": [("/nowhere", "has no folder enclaves: set it to a keystore, or")],
+}
+
+
 @pytest.mark.parametrize(
-    ("value", "why"), [("OFF", "do not find one another"), ("off", "not known")]
+    ("name", "value", "says"), [(name, *row) for name, rows in _BAD.items() for row in rows]
 )
-def test_a_range_in_which_no_node_is_found(home, value, why):
-    with pytest.raises(
-        SettingError, match=f"^ROS_AUTOMATIC_DISCOVERY_RANGE={value} .*{why}.*LOCALHOST"
-    ):
-        check_settings(home | {"ROS_AUTOMATIC_DISCOVERY_RANGE": value})
+def test_a_setting_that_ros_cannot_use_is_named(home, tmp_path, name, value, says):
+    installed = tmp_path / "share/ament_index/resource_index/rmw_typesupport"
+    installed.mkdir(parents=True)
+    for middleware in ("rmw_ours", "rmw_implementation"):
+        (installed / middleware).touch()
+    enforced = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
+    more = enforced if "SECURITY" in name else {}
+    with pytest.raises(SettingError, match=f"^{name}\\b.*{re.escape(says)}"):
+        check_settings(home | more | {"AMENT_PREFIX_PATH": str(tmp_path), name: value})
 
 
 @pytest.mark.parametrize("name", ["HOME", "ROS_HOME", "ROS_LOG_DIR"])

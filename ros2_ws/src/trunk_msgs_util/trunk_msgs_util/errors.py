@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+from traceback import walk_tb
+from typing import ClassVar
+
 from .text import bounded
 
 EXIT_FAILED = 1  # a run or a check failed
@@ -25,3 +29,30 @@ class TrunkError(Exception):
 
 class RecordingError(TrunkError):
     """The file cannot be used as a recording: one line that names it and says what to do."""
+
+
+class SettingError(TrunkError):
+    """A setting of the environment that cannot be used: its name, its value, what is allowed."""
+
+
+# By the beginnings of their names: what libraries read while they are loaded.
+_SETTINGS = {
+    "matplotlib": ("MPL", "MATPLOTLIB"),
+    "numba": ("NUMBA_",),
+    "numpy": ("NPY_", "NUMPY_"),
+}
+
+
+def unusable_setting(error: BaseException) -> str:
+    """Return in one line which settings keep a library from being loaded; empty for any other error."""
+    loading = [
+        str(frame.f_globals.get("__name__")).partition(".")[0]
+        for frame, _ in walk_tb(error.__traceback__)
+        if frame.f_code.co_name == "<module>"
+    ]
+    library = next((name for name in loading if name in _SETTINGS), "")
+    if not library or isinstance(error, ImportError):
+        return ""
+    given = [f"{k}={v}" for k, v in sorted(os.environ.items()) if k.startswith(_SETTINGS[library])]
+    why = str(error).partition("\n")[0].rstrip(".:")
+    return f"{library} cannot use {', '.join(given) or 'its settings file'}: {why}; correct or unset it"

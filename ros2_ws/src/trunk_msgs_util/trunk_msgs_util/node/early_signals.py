@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FrameType
 
 from .. import streams
-from ..errors import EXIT_FAILED, TrunkError
+from ..errors import EXIT_FAILED, EXIT_USAGE, TrunkError, unusable_setting
 from . import middleware
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
@@ -82,5 +82,11 @@ def node(module: str, *arguments: str, undone: str = "") -> Callable[[], None]:
             if isinstance(stop.code, int):
                 streams.leave(stop.code)
             raise
+        except Exception as error:
+            line = unusable_setting(error)
+            if not line:
+                raise
+            print(f"{Path(sys.argv[0]).name}: error: {line}", file=sys.stderr)
+            sys.exit(EXIT_USAGE)
 
     return main

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import cache
 from math import inf
 from pathlib import Path
 
-from ..errors import TrunkError
+from ..errors import SettingError, TrunkError
 from ..text import plain_number
 
 PROFILES = Path(__file__).with_name("fastdds.xml")
@@ -77,17 +79,34 @@ def _tracing_pages(shared_memory: Path) -> int:
 
 
 _LAST_DOMAIN = 232  # beyond it, DDS has no ports left
-_RANGES = ("SUBNET", "LOCALHOST", "SYSTEM_DEFAULT")
-
-
-class SettingError(TrunkError):
-    """A setting of the environment that ROS 2 cannot use: its name, its value, what is allowed."""
+_SWITCH = "0", "1"
+# With another value, ROS 2 ends with a traceback, fills the logs, or goes on as if it had none.
+_ALLOWED = {
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": ("SUBNET", "LOCALHOST", "SYSTEM_DEFAULT"),
+    TRANSPORTS: ("DEFAULT", "DEFAULTv6", "SHM", "UDPv4", "UDPv6", "LARGE_DATA", "LARGE_DATAv6"),
+    "RCUTILS_COLORIZED_OUTPUT": _SWITCH,
+    "RCUTILS_LOGGING_BUFFERED_STREAM": _SWITCH,
+    "RCUTILS_LOGGING_USE_STDOUT": _SWITCH,
+    "RCL_LOGGING_SPDLOG_EXPERIMENTAL_OLD_FLUSHING_BEHAVIOR": _SWITCH,
+}
+_SERVER = re.compile(r"^(?:(?:UDP|TCP)v[46]:)?\[?(.*?)\]?(?::(\d{1,9}))?$")  # HOST:PORT
+_MIDDLEWARES = "share/ament_index/resource_index/rmw_typesupport"
+_LAST_PORT = 65535
 
 
 def check_settings(environment: Mapping[str, str] = os.environ) -> None:
     """Raise SettingError where ROS 2 would end with a traceback, or its nodes would not find one another."""
     _check_domain(environment.get("ROS_DOMAIN_ID", ""))
-    _check_range(environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", ""))
+    for name, allowed in _ALLOWED.items():
+        _check_one_of(name, environment.get(name, ""), allowed)
+    _check_middleware(environment)
+    for peer in environment.get("ROS_STATIC_PEERS", "").split(";"):
+        _check_host("ROS_STATIC_PEERS", peer, peer)
+    for server in environment.get("ROS_DISCOVERY_SERVER", "").split(";"):
+        host, port = _SERVER.findall(server)[0]
+        _check_host("ROS_DISCOVERY_SERVER", server, host, int(port or 0))
+    _check_profiles(environment.get(PROFILES_FILE, ""))
+    _check_keystore(environment)
     _check_log_folder(environment)
     patience(environment)
 
@@ -113,13 +132,66 @@ def _check_domain(text: str) -> None:
         )
 
 
-def _check_range(text: str) -> None:
-    if not text or text in _RANGES:
+def _check_one_of(name: str, text: str, allowed: Sequence[str]) -> None:
+    if not text or text.partition("?")[0] in allowed:  # a transport's options follow it
         return
-    reason = "nodes do not find one another with this value" if text == "OFF" else "not known"
-    raise SettingError(
-        f"ROS_AUTOMATIC_DISCOVERY_RANGE={text} is not allowed: {reason}; {', '.join(_RANGES)}, or unset it"
-    )
+    alone = text in ("OFF", "NONE")
+    reason = "nodes do not find one another with this value" if alone else "not known"
+    raise SettingError(f"{name}={text} is not allowed: {reason}; {', '.join(allowed)}, or unset it")
+
+
+def _check_middleware(environment: Mapping[str, str]) -> None:
+    """Check the middleware's name: rcl ends a process that asks for one that is not there."""
+    prefixes = environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    here = {file.name for prefix in prefixes for file in Path(prefix, _MIDDLEWARES).glob("rmw_*")}
+    here.discard("rmw_implementation")
+    for name in ("RMW_IMPLEMENTATION", "RCL_ASSERT_RMW_ID_MATCHES"):
+        text = environment.get(name)
+        if text and here and text not in here:
+            known = ", ".join(sorted(here))
+            raise SettingError(f"{name}={text} is not installed here: {known}, or unset it")
+
+
+@cache  # a name can take seconds
+def _check_host(name: str, text: str, host: str, port: int = 0) -> None:
+    try:
+        if port > _LAST_PORT:
+            raise ValueError(f"ports end at {_LAST_PORT}")
+        socket.getaddrinfo(host or None, port, socket.AF_INET if text == host else 0)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise SettingError(
+            f"{name}: {text} cannot be used as an address ({why}): correct it, or leave it out"
+        ) from None
+
+
+def _check_profiles(file: str) -> None:
+    if not file or file == str(PROFILES):
+        return
+    from xml.etree import ElementTree
+
+    try:
+        ElementTree.parse(file)
+    except (OSError, ElementTree.ParseError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise SettingError(
+            f"{PROFILES_FILE}={file} cannot be read as XML ({why}): correct or unset it"
+        ) from None
+
+
+def _check_keystore(environment: Mapping[str, str]) -> None:
+    """Check what rcl needs where security is enforced."""
+    if environment.get("ROS_SECURITY_ENABLE") != "true":
+        return
+    name = "ROS_SECURITY_KEYSTORE"
+    folder = environment.get(name, "")
+    if (
+        environment.get("ROS_SECURITY_STRATEGY") == "Enforce"
+        and not Path(folder, "enclaves").is_dir()
+    ):
+        raise SettingError(
+            f"{name}={folder} has no folder enclaves: set it to a keystore, or unset ROS_SECURITY_ENABLE"
+        )
 
 
 def _check_log_folder(environment: Mapping[str, str]) -> None:

@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple
 import click
 
 from trunk_msgs_util.errors import EXIT_FAILED
+from trunk_msgs_util.node import middleware
 
 from ...conformance.node_judge import findings as findings_of
 from ...console.document import json_option, write_json
@@ -99,6 +100,7 @@ def command(
 
     No simulator may run beside it. Exit code 1 if anything is found.
     """
+    middleware.prepare()
     from ...conformance.player_node import Player
 
     if not rate > 0.0:

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import click
 
+from trunk_msgs_util.node import middleware
+
 from ...console.document import json_option, write_json
 from ...console.options import FiniteRange, names_or_files, nodes, parameter_files
 from ...live.parameters import LiveChange
@@ -70,6 +72,7 @@ def apply(
     from ...plans.files import checked_namespace, find_file
 
     layer, name = read(find_file(file)), full_name(node, checked_namespace(namespace))
+    middleware.prepare()  # a middleware that is not there ends whoever imports rclpy
     from ...live.parameters_node import LiveParameters
 
     with LiveParameters(name, timeout) as parameters:
@@ -122,6 +125,7 @@ def set_values(
 
     wanted: Mapping[str, object] = settings_of(settings)
     name = full_name(node, checked_namespace(namespace))
+    middleware.prepare()  # a middleware that is not there ends whoever imports rclpy
     from ...live.parameters_node import LiveParameters
 
     with LiveParameters(name, timeout) as parameters:
