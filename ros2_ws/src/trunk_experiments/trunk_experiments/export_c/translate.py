@@ -223,7 +223,7 @@ class _Function:
         name = program.name(f"{module.rsplit('.', 1)[-1]}_{self.python.__name__}")
         gives = program.declared(t, name) if at_run_time(t) else f"void {name}"
         source = f"{module}.{self.python.__qualname__}".replace(".<locals>", "")
-        comment = f"/* {source}: {_first_line(self.python)} */"
+        comment = f"/* {source}: {_first_line(self.tree)} */"
         head = f"static {gives}({', '.join(takes) or 'void'}) {{"
         words = set(_WORD.findall("\n".join(self.root)))
         declared = [*self.declared, ("result", t)]
@@ -1063,7 +1063,7 @@ def _qualified(python: Any) -> str:
     return f"{getattr(python, '__module__', '?')}.{getattr(python, '__qualname__', python)}"
 
 
-def _first_line(python: FunctionType) -> str:
-    """Return the first line of a docstring, empty if there is none."""
-    lines = (inspect.getdoc(python) or "").splitlines()
+def _first_line(tree: ast.FunctionDef) -> str:
+    """Return the first line of a docstring, which ``python -OO`` has not kept; empty if there is none."""
+    lines = (ast.get_docstring(tree) or "").splitlines()
     return lines[0].replace("*/", "* /").replace("``", "").replace("`", "") if lines else ""
