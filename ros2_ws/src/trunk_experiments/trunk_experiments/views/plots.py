@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import rc_context, rcParamsDefault
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
@@ -55,7 +55,8 @@ SUFFIXES: dict[str, dict[str, Any]] = {  # and what keeps the date out of the fi
     ".pdf": {"CreationDate": None},
 }
 DPI = 150
-STYLE = {
+STYLE = {  # all of it: a user's own settings, such as LaTeX for texts, change nothing
+    **{key: value for key, value in rcParamsDefault.items() if not key.startswith("backend")},
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "axes.titlesize": 9.5,
