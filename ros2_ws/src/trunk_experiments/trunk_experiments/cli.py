@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from contextlib import suppress
 from signal import SIGINT
@@ -9,7 +10,7 @@ from typing import TextIO, cast
 
 import click
 
-from trunk_msgs_util.errors import EXIT_UNREAD, EXIT_USAGE, TrunkError
+from trunk_msgs_util.errors import EXIT_UNREAD, EXIT_USAGE, TrunkError, unusable_setting
 from trunk_msgs_util.text import PrintableStream
 
 from .console.document import ErrorResult, documents_alone, json_asked, write_json
@@ -150,6 +151,9 @@ def main() -> None:
     out, err = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (cast(TextIO, PrintableStream(stream)) for stream in (out, err))
     show_warnings_plainly()
+    # Figures are the same for every user, and are shown in no window.
+    os.environ.update(MPLBACKEND="agg", MATPLOTLIBRC=os.devnull)
+    os.environ.pop("SOURCE_DATE_EPOCH", None)  # they have no date
     try:
         with documents_alone():
             sys.exit(_code())
@@ -181,7 +185,7 @@ def _code() -> int:
     except (TrunkError, OSError) as error:
         return _failed(line_of(error), report_error(error))
     except Exception as error:
-        line = _fault_of_a_law(error) or _without_ros(error)
+        line = _fault_of_a_law(error) or _without_ros(error) or unusable_setting(error)
         if not line:
             raise
         return _failed(print_error(line), EXIT_USAGE)

@@ -20,11 +20,13 @@ import re
 import shutil
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, wraps
 from importlib.util import find_spec
 from itertools import accumulate
+from operator import attrgetter
 from pathlib import Path
 from threading import Timer
 from types import CodeType, FunctionType
@@ -32,6 +34,8 @@ from typing import Any, TextIO, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .errors import SettingError, unusable_setting
 
 OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 
@@ -41,6 +45,7 @@ OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False}
 _registered: set[FunctionType] = set()
 _KEPT_DAYS = 90.0
+WITHOUT_NUMBA = "numba is not installed, or switched off by NUMBA_DISABLE_JIT"
 _COMPILE_S = 30.0  # at most, on a machine that is not busy
 _POLL_S = 0.05
 _SOON_S, _LATE_S = 2.0, 10.0  # until something is said, on a terminal and elsewhere
@@ -113,7 +118,7 @@ def _package(function: FunctionType) -> str:
 
 @cache
 def twin(function: Function) -> Function:
-    """Return a function's compiled twin; where numba, which is optional, is not installed, the function."""
+    """Return a function's compiled twin; without numba, which is optional, the function."""
     try:
         return compiled(function)
     except ImportError:
@@ -126,9 +131,10 @@ def compiled(function: Function) -> Function:
     The machine code is kept in `cache_folder`, under a fingerprint of what all its sources say:
     numba's own cache checks the age of one source file, and its place. Code not used for 90 days is
     deleted when other sources are compiled. If no folder is writable, the disk is full or what was kept
-    is damaged, nothing is kept. Raises ImportError without numba.
+    is damaged, nothing is kept. Raises ImportError without numba or with NUMBA_DISABLE_JIT, and SettingError
+    if numba cannot use another of its settings.
     """
-    import numba
+    numba = _numba()
     from numba.core.caching import IndexDataCacheFile
     from numba.extending import register_jitable
 
@@ -164,15 +170,38 @@ def compiled(function: Function) -> Function:
     return twin
 
 
+def _numba() -> Any:
+    """Load numba. Raises as `compiled` does."""
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", "Environment variable 'NUMBA_")
+            import numba
+    except Exception as error:
+        if line := unusable_setting(error):
+            raise SettingError(line) from None
+        raise
+    features = os.environ.get("NUMBA_CPU_FEATURES") or "+"
+    if any(feature[:1] not in ("+", "-") for feature in features.split(",")):  # LLVM would abort
+        raise SettingError(
+            f"NUMBA_CPU_FEATURES={features} is not allowed: +NAME,-NAME; or unset it"
+        )
+    config: Any = numba.config
+    if config.DISABLE_JIT:
+        raise ImportError("NUMBA_DISABLE_JIT is set")
+    return numba
+
+
 def refusal(function: Function, *example: object) -> str:
     """Return in one line why numba refuses a call of a function's twin; empty if it does not: it is made.
 
-    Raises ImportError without numba.
+    Raises as `compiled` does.
     """
+    compiled_twin = twin(function)
+    if compiled_twin is function:
+        raise ImportError(WITHOUT_NUMBA)
     from numba.core.errors import NumbaError
 
     try:
-        compiled_twin = twin(function)
         compiled_twin(*example)
     except NumbaError as error:
         return _reason_of(error)
@@ -184,9 +213,11 @@ def compiled_or_plain(function: Function, report: Callable[[str], None]) -> Func
 
     ``report`` is called once, with numba's reason in one line.
     """
-    from numba.core.errors import NumbaError
-
     quick, plain = twin(function), False
+    if quick is function:
+        report(WITHOUT_NUMBA)
+        return function
+    from numba.core.errors import NumbaError
 
     @wraps(function)
     def run(*arguments: Any) -> Any:
@@ -223,7 +254,7 @@ def fingerprint(*functions: Callable[..., Any]) -> str:
     while waiting:
         files |= waiting
         waiting = set().union(*(_imported(file, packages) for file in waiting)) - files
-    versions = f"{version('numba')} {version('llvmlite')}".encode()
+    versions = " ".join(version(name) for name in ("numba", "llvmlite") if find_spec(name)).encode()
     return hashlib.sha256(b"".join((versions, *sorted(map(_meaning, files))))).hexdigest()[:16]
 
 
@@ -236,23 +267,16 @@ def _meaning(path: str) -> bytes:
         return _contents(path)
 
 
+_SAID = attrgetter(
+    *("co_name", "co_names", "co_varnames", "co_freevars", "co_cellvars", "co_code", "co_flags"),
+    *("co_argcount", "co_posonlyargcount", "co_kwonlyargcount"),
+)
+
+
 def _words_of(value: object) -> object:
     """Return code, also within constants, as values whose text is the same in each process."""
     if isinstance(value, CodeType):
-        names = (
-            value.co_name,
-            value.co_names,
-            value.co_varnames,
-            value.co_freevars,
-            value.co_cellvars,
-        )
-        counts = (
-            value.co_argcount,
-            value.co_posonlyargcount,
-            value.co_kwonlyargcount,
-            value.co_flags,
-        )
-        return names, counts, value.co_code, [_words_of(constant) for constant in value.co_consts]
+        return _SAID(value), [_words_of(constant) for constant in value.co_consts]
     if isinstance(value, frozenset):
         return sorted(map(repr, value))
     return [_words_of(one) for one in value] if isinstance(value, tuple) else value

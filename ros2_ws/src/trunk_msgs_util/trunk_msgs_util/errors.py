@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from traceback import walk_tb
-from typing import ClassVar
 
 from .text import bounded
 

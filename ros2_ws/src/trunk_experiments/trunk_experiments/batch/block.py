@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
@@ -17,7 +18,7 @@ from trunk_control.laws import law_named, law_of
 from trunk_control.limits import limited
 from trunk_control.pid_family import PidState
 from trunk_control.reference import ReferenceProfile
-from trunk_msgs_util.compiled import compiled, twin, with_arrays
+from trunk_msgs_util.compiled import WITHOUT_NUMBA, twin, with_arrays
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import seconds, step_count
@@ -441,5 +442,8 @@ _loops: dict[tuple[str, int], Callable[..., None]] = {}
 def _compiled_lanes(name: str, example: Common, numbers: int) -> Callable[..., None]:
     key = name, numbers
     if key not in _loops:
-        _loops[key] = compiled(lanes_loop(law_named(name), example))
+        loop = lanes_loop(law_named(name), example)
+        _loops[key] = twin(loop)
+        if _loops[key] is loop:
+            warnings.warn(f"{WITHOUT_NUMBA}: runs take a hundred times as long", stacklevel=2)
     return _loops[key]

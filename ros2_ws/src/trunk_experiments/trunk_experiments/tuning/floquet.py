@@ -19,7 +19,7 @@ import numpy as np
 from trunk_control.law import Constants, Hip
 from trunk_control.laws import law_named
 from trunk_control.limits import Limits
-from trunk_msgs_util.compiled import compiled, with_arrays
+from trunk_msgs_util.compiled import twin, with_arrays
 from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Disturbance
@@ -67,7 +67,7 @@ def plant_slopes(v: float, period_ns: int, plant: Plant, out: Floats) -> None:
 
 @cache
 def _plant_slopes(fast: bool) -> Callable[..., None]:
-    return compiled(plant_slopes) if fast else plant_slopes
+    return twin(plant_slopes) if fast else plant_slopes
 
 
 class Prepared(NamedTuple):
