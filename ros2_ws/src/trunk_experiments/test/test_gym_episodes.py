@@ -272,14 +272,20 @@ def test_a_command_beyond_the_limits_is_clipped_as_in_the_plant():
     ("action", "says"),
     [
         ([np.nan], "action: number 0 of environment 0 is nan: it must be finite"),
-        ([1.0, 2.0], r"action: its shape is \(1, 2\), it must be \(1, 1\)"),
+        ([1.0, 2.0], r"action: its shape is \(2,\), it must be \(1,\)"),
+        ([[1.0]], r"action: its shape is \(1, 1\), it must be \(1,\)"),
+        (1.0, r"action: its shape is \(\), it must be \(1,\)"),
+        ("x", r"action: 'x': give real numbers, an array of shape \(1,\)"),
+        (["1"], r"action: \['1'\]: give real numbers"),
+        ([1j], r"action: \[1j\]: give real numbers"),
+        ([[1.0], []], r"action: \[\[1.0\], \[\]\]: give real numbers"),
     ],
 )
 def test_an_invalid_action_is_refused_and_changes_nothing(action, says):
     env = made(**SHORT)
     env.reset(seed=1)
     with pytest.raises(ActionError, match=says):
-        env.step(np.array(action))
+        env.step(action)
     other = made(**SHORT)
     other.reset(seed=1)
     assert bits(env.step(np.array([1.0]))[0]) == bits(other.step(np.array([1.0]))[0])

@@ -18,7 +18,7 @@ from trunk_msgs_util.recording.joint_table import Floats
 
 from ..errors import PlanError, did_you_mean
 from ..plans.plan import advice
-from .episodes import OBSERVED, Episodes, Flags
+from .episodes import OBSERVED, Episodes, Flags, real_numbers
 from .task import Drawn, Task, make_task, save_episode
 
 OPTIONS = ("as_planned",)  # of reset
@@ -102,7 +102,7 @@ class BalanceEnv(gymnasium.Env[Floats, Floats]):
         if self._over:
             raise gymnasium.error.ResetNeeded("step: the episode has ended: reset the environment")
         episodes = self._episodes
-        taken = episodes.advance(np.asarray(action, dtype=np.float64)[None])
+        taken = episodes.advance(real_numbers(action, self.task.low.shape)[None])
         self._actions.append(taken[0].copy())
         terminated, truncated = bool(episodes.terminated[0]), bool(episodes.truncated[0])
         self._over = terminated or truncated

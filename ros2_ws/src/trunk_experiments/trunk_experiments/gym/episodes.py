@@ -17,6 +17,7 @@ from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState
 from trunk_msgs_util.compiled import twin, with_arrays
 from trunk_msgs_util.recording.joint_table import Floats, Integers
+from trunk_msgs_util.text import shortened
 from trunk_sim.disturbances import Signals
 from trunk_sim.noise import fill, random_bits
 from trunk_sim.plant import rk4_step
@@ -280,6 +281,21 @@ MOST_BYTES = 2 * 1024**3  # of the series of all episodes
 Flags = NDArray[np.bool_]
 
 
+def real_numbers(action: object, shape: tuple[int, ...]) -> Floats:
+    """Return an action as numbers of this shape. Raises ActionError for anything else."""
+    try:
+        given = np.asarray(action)
+        taken = None if given.dtype.kind in "cUSmM" else np.ascontiguousarray(given, np.float64)
+    except (TypeError, ValueError):  # not numbers, or rows of several lengths
+        taken = None
+    if taken is None:
+        shown = shortened(" ".join(repr(action).split()))
+        raise ActionError(f"action: {shown}: give real numbers, an array of shape {shape}")
+    if given.shape != shape:
+        raise ActionError(f"action: its shape is {given.shape}, it must be {shape}")
+    return taken
+
+
 class Episodes:
     """``count`` episodes, each at its own time. Call `begin` for each before the first `advance`."""
 
@@ -353,12 +369,9 @@ class Episodes:
     def advance(self, actions: object) -> Floats:
         """Step all episodes under actions [count, numbers]; return the actions as they were used.
 
-        Raises ActionError for a wrong shape, and for numbers that are not finite.
+        Raises ActionError as `real_numbers` does, and for numbers that are not finite.
         """
-        taken = np.ascontiguousarray(actions, dtype=np.float64)
-        shape = self.count, len(self.task.low)
-        if taken.shape != shape:
-            raise ActionError(f"action: its shape is {taken.shape}, it must be {shape}")
+        taken = real_numbers(actions, (self.count, len(self.task.low)))
         if not np.isfinite(taken).all():
             episode, i = (int(index) for index in np.argwhere(~np.isfinite(taken))[0])
             raise ActionError(
