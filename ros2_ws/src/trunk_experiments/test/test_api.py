@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import gc
 import json
+import pickle
 import subprocess
 import sys
 from dataclasses import FrozenInstanceError
@@ -192,6 +194,20 @@ def test_a_temporary_recording_is_deleted_with_its_run(tmp_path):
     del short
     gc.collect()
     assert not path.parent.exists()
+
+
+def test_a_run_is_passed_to_another_process_by_its_path(run, tmp_path):
+    plan = trunk.plan("fig6", duration=0.1)
+    kept = trunk.simulate(plan, output=tmp_path / "kept.mcap")
+    passed = pickle.loads(pickle.dumps(kept))
+    assert passed.path == kept.path
+    assert passed.theta.tobytes() == kept.theta.tobytes()
+    temporary = trunk.simulate(plan)
+    with pytest.raises(
+        trunk.PlanError, match=r"^fig6_fuzzy_pid.mcap: a temporary file.*save it and load"
+    ):
+        pickle.dumps(temporary)
+    assert copy.deepcopy(temporary) is copy.copy(temporary) is temporary
 
 
 def test_a_run_that_diverges_raises_and_leaves_its_recording_so_far(tmp_path):

@@ -50,6 +50,7 @@ class Run:
     """
 
     _recorded: RecordedRun
+    _temporary: bool = False
 
     @cached_property
     def _table(self) -> RunTable:
@@ -59,6 +60,23 @@ class Run:
         for name in COLUMNS:
             getattr(table, name).flags.writeable = False
         return table
+
+    def __reduce__(self) -> tuple[Callable[[AnyPath], Run], tuple[AnyPath]]:
+        """Pickle a run by its path. Raises PlanError for one whose file is deleted with the `Run`."""
+        if self._temporary:
+            raise PlanError(
+                f"{self.path.name}: a temporary file, deleted with its run: to pass that to another process, "
+                "record it to an output, or save it and load that"
+            )
+        return load, (self.path.absolute(),)
+
+    def __copy__(self) -> Run:
+        """Return the run, which does not change."""
+        return self
+
+    def __deepcopy__(self, memo: object) -> Run:
+        """Return the run, which does not change."""
+        return self
 
     @property
     def path(self) -> Path:
@@ -324,7 +342,7 @@ def recorded(
     try:
         with writing(path):
             record(path)
-        run = Run(RecordedRun.open(path))
+        run = Run(RecordedRun.open(path), _temporary=True)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
