@@ -6,8 +6,10 @@ import base64
 import gzip
 import hashlib
 import json
+import os
 import re
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 
 import numpy as np
@@ -24,7 +26,7 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doctor import INFO, examine
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views import report_data
-from trunk_experiments.views.report import make_report, render
+from trunk_experiments.views.report import make_report, render, write
 from trunk_experiments.views.report_data import packed
 from trunk_experiments.views.run_view import RunView, rule_use, times_fired
 from trunk_msgs_util.recording.writer import PROVENANCE
@@ -322,3 +324,14 @@ def test_a_run_without_a_known_controller(short_run, tmp_path):
     write_file(found, path, ANEW)
     words = " ".join(Page(render(make_report([view_of(path)]))).words)
     assert "No metrics" in words
+
+
+def test_a_file_whose_name_is_no_text(short_run, tmp_path):
+    folder = tmp_path / os.fsdecode(b"L\xe4ufe")
+    folder.mkdir()
+    source, page = folder / "0.mcap", tmp_path / "page.html"
+    source.symlink_to(short_run())
+    report = make_report([view_of(source)])
+    write(report, page)
+    text = unescape(page.read_text(encoding="utf-8"))
+    assert r"/L\xe4ufe/0.mcap'" in text

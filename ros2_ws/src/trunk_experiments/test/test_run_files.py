@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 
@@ -44,6 +45,15 @@ def test_existing_files_are_not_overwritten(tmp_path, name):
     with pytest.raises(PlanError, match=f"there is a {name} in it: give another folder$"):
         RunFiles.for_run(make_plan("demo", "pid"), tmp_path)
     assert (tmp_path / name).read_text() == "mine"
+
+
+def test_a_name_that_ros_cannot_take_is_refused(tmp_path):
+    folder = tmp_path / os.fsdecode(b"L\xe4ufe")
+    with pytest.raises(
+        PlanError, match=r"ufe: ROS 2 takes names in UTF-8 only: give another folder"
+    ):
+        RunFiles.for_run(make_plan("demo", "pid"), folder)
+    assert not folder.exists()
 
 
 PLAN = make_plan("demo", "pid")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import subprocess
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.text import PrintableStream, bounded, printable
+from trunk_msgs_util.text import PrintableStream, bounded, printable, shell_words
 
 
 @pytest.mark.parametrize(
@@ -44,6 +46,24 @@ def test_json_stays_the_same_json(text):
 @given(st.text(st.characters(categories=["Cc", "Cf", "Cs"], exclude_characters="\n\t\u00ad")))
 def test_no_control_character_passes(text):
     assert not any(0x7F <= ord(c) < 0xA0 or ord(c) < 0x20 for c in printable(text))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        b"a.mcap",
+        b"a b'c$d",
+        b"L\xe4ufe/0.mcap",
+        b"\x1b\xe4'\\\\",
+        "θ 人".encode(),
+        "\u202e".encode(),
+    ],
+)
+def test_a_printed_command_can_be_pasted(name):
+    words = shell_words("printf", "%s", os.fsdecode(name))
+    assert printable(words) == words
+    pasted = subprocess.run(["bash", "-c", words], capture_output=True, check=True)
+    assert pasted.stdout == name
 
 
 def test_an_ascii_terminal_gets_question_marks():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shlex
 from collections.abc import Sequence
 from typing import Any, TextIO
 
@@ -18,6 +20,22 @@ LONGEST_MESSAGE = 480
 def printable(text: str) -> str:
     r"""Return the text with each character that acts on a terminal written as JSON would: ``\u001b``."""
     return _UNPRINTABLE.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
+
+
+def shell_words(*words: str) -> str:
+    """Return a command as it can be pasted into a shell, whatever bytes its files' names are made of."""
+    return " ".join(map(_shell_word, words))
+
+
+def _shell_word(word: str) -> str:
+    if printable(word) == word:
+        return shlex.quote(word)
+    try:
+        data = os.fsencode(word)
+    except UnicodeEncodeError:  # no file has this name
+        return shlex.quote(word)
+    shown = (chr(b) if 32 <= b < 127 and b not in b"\\'" else f"\\x{b:02x}" for b in data)
+    return f"$'{''.join(shown)}'"
 
 
 def shortened(text: str, longest: int = 40) -> str:

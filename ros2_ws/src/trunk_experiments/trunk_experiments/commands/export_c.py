@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.parameters.files import Layer, Section, check_names, read
 from trunk_msgs_util.provenance import ARITHMETIC
+from trunk_msgs_util.text import shell_words
 
 from ..console.document import json_option, write_json
 from ..console.outputs import check_folder, check_not_read, output_options
@@ -132,7 +132,7 @@ def command(
     for path in written:
         click.echo(path)
     click.echo(f"to compare {compared} commands, answered by {origin}, bit by bit:")
-    click.echo(f"  {shlex.join(compile_command)} && {shlex.join(run_command)}")
+    click.echo(f"  {shell_words(*compile_command)} && {shell_words(*run_command)}")
 
 
 def _config(

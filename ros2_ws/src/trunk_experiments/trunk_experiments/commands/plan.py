@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import click
+
+from trunk_msgs_util.text import shell_words
 
 from ..console.document import json_option, write_json
 from ..console.outputs import OutputResult, check_output, output_options
@@ -65,6 +66,6 @@ def command(
         write_json(NodesResult(target, **vars(about_plan(plan)), commands=commands))
         return
     for words in commands:
-        click.echo(shlex.join(words))
+        click.echo(shell_words(*words))
     for line in connection_lines(plan) if plan.external is not None else ():
         click.echo(f"# {line}")

@@ -44,7 +44,7 @@ class Player:
     def __init__(self, namespace: str, joints: tuple[str, str]) -> None:
         middleware.prepare()
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node(
             "simulator",
             namespace=namespace or "/",

@@ -78,7 +78,7 @@ class GraphFeed:
         self.graph = Graph(self.board)
         middleware.prepare()
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         # This node is never spun: its messages are taken in turns, many at once.
         self._node = Node(
             f"live_view_{os.getpid()}",

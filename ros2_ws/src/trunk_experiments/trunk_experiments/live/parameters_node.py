@@ -50,7 +50,7 @@ class LiveParameters:
         self.timeout_s = timeout_s
         middleware.prepare()
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node(
             f"trunk_params_{time.monotonic_ns()}",
             context=self._context,

@@ -64,7 +64,8 @@ def rendered(package: str, template: str, **values: object) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(template).render(values)
+    text = environment.get_template(template).render(values)
+    return text.encode("utf-8", "backslashreplace").decode()  # a file's name may be no text
 
 
 def policy(script: str = "", more: str = "", images: str = "data:") -> str:

@@ -66,6 +66,12 @@ class RunFiles:
                     f"{folder}: {error.strerror}: give a folder with --output"
                 ) from None
         files = cls(folder, replaces=bool(force))
+        try:
+            str(folder.absolute()).encode()
+        except UnicodeEncodeError:
+            raise PlanError(
+                f"output {folder.absolute()}: ROS 2 takes names in UTF-8 only: give another folder"
+            ) from None
         if os.path.lexists(folder) and not folder.is_dir():
             raise PlanError(f"output {folder}: it is not a folder: give another")
         if folder.absolute() == Path(folder.absolute().anchor):

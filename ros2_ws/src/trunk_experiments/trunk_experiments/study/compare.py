@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from itertools import combinations
 from math import inf, isnan, nan
 from pathlib import Path
-from shlex import quote
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from trunk_msgs_util.recording.joint_table import Floats
+from trunk_msgs_util.text import shell_words
 
 from ..analysis.metrics import QUANTITIES
 from ..errors import StudyError
@@ -284,7 +284,7 @@ def worst_runs(results: Results, metric: str, count: int = 10) -> list[Worst]:
 
 
 def _command(path: Path, run: int) -> str:
-    return f"trunk study show {quote(str(path))} --run {run} -o run{run}.mcap"
+    return f"trunk study show {shell_words(str(path))} --run {run} -o run{run}.mcap"
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import base64
 import re
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.schemas import RunEvent
+from trunk_msgs_util.text import shell_words
 from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import QUANTITIES
@@ -211,7 +211,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         rules=_rules(view),
         events=tuple(events[:_MOST_EVENTS]),
         later_events=len(events[_MOST_EVENTS:]),
-        branch="" if view.run.another_robot else shlex.quote(str(view.path)),
+        branch="" if view.run.another_robot else shell_words(str(view.path)),
         hip=not view.run.another_robot,
     )
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-import shlex
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import RecordingError
+from ..text import shell_words
 from .limits import MAX_BAG_METADATA, MAX_NAME
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def conversion(source: Path) -> str:
     """Return the whole command that converts a bag to MCAP."""
     target = source.with_name(f"{source.stem or 'bag'}_mcap")
     words = ["rosbags-convert", "--src", str(source), "--dst", str(target), "--dst-storage", "mcap"]
-    return f"convert it: {shlex.join(words)}"
+    return f"convert it: {shell_words(*words)}"
 
 
 def other_format(path: Path, head: bytes) -> str:
@@ -52,8 +52,8 @@ def other_format(path: Path, head: bytes) -> str:
         if head.startswith(begins):
             named = path.suffix in suffixes  # these tools ask for the name's ending
             source = str(path) if named else f"{path}{suffixes[0]}"
-            rename = "" if named else f"mv {shlex.join([str(path), source])} && "
-            return f"{kind}: unpack it: {rename}{unpack} {shlex.quote(source)}"
+            rename = "" if named else f"mv {shell_words(str(path), source)} && "
+            return f"{kind}: unpack it: {rename}{unpack} {shell_words(source)}"
     return ""
 
 
