@@ -147,3 +147,18 @@ def test_one_of_ros_is_refused_before_anything_begins(tmp_path, words, name, val
     assert name in line
     assert json.loads(done.stdout)["error"] == line[14:]
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_whose_name_is_no_text(trunk, inputs, tmp_path):
+    """Files by any name, except where a library takes text alone."""
+    folder = tmp_path / os.fsdecode(b"L\xe4ufe")
+    folder.mkdir()
+    scenario = folder / os.fsdecode(b"L\xe4.yaml")
+    scenario.write_text("simulator: {ros__parameters: {duration: 0.1}}")
+    code, out, err = trunk("simulate", scenario, "-o", folder / "a.mcap")
+    assert (code, err) == (0, "")
+    code, out, err = trunk(
+        "sweep", inputs / "study.yaml", "-o", folder / "a.parquet", "--jobs", "1"
+    )
+    assert code == 2
+    assert err.endswith("parquet: this name is not UTF-8, but a library needs that: give another\n")

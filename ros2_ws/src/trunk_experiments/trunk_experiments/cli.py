@@ -11,7 +11,7 @@ from typing import TextIO, cast
 import click
 
 from trunk_msgs_util.errors import EXIT_UNREAD, EXIT_USAGE, TrunkError, unusable_setting
-from trunk_msgs_util.text import PrintableStream
+from trunk_msgs_util.text import PrintableStream, shortened
 
 from .console.document import ErrorResult, documents_alone, json_asked, write_json
 from .console.terminal import (
@@ -185,7 +185,12 @@ def _code() -> int:
     except (TrunkError, OSError) as error:
         return _failed(line_of(error), report_error(error))
     except Exception as error:
-        line = _fault_of_a_law(error) or _without_ros(error) or unusable_setting(error)
+        line = (
+            _fault_of_a_law(error)
+            or _without_ros(error)
+            or unusable_setting(error)
+            or _no_text(error)
+        )
         if not line:
             raise
         return _failed(print_error(line), EXIT_USAGE)
@@ -209,6 +214,14 @@ def _fault_of_a_law(error: Exception) -> str:
     from .plans.nodes import fault_of_a_law
 
     return fault_of_a_law(error)
+
+
+def _no_text(error: Exception) -> str:
+    """Return advice if a library takes a file's name as text, and it is none."""
+    if not isinstance(error, UnicodeEncodeError) or "surrogates" not in error.reason:
+        return ""
+    name = shortened(error.object, 200)
+    return f"{name}: this name is not UTF-8, but a library needs that: give another"
 
 
 def _failed(why: str, code: int) -> int:

@@ -19,6 +19,7 @@ from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.declarations import UnitError, declarations, values_of
 from trunk_msgs_util.parameters.files import Layer, Section, check_names, qos_overrides, read, write
 from trunk_msgs_util.parameters.to_si import number_in
+from trunk_msgs_util.text import printable
 from trunk_msgs_util.topics import EXTERNAL
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
@@ -292,7 +293,7 @@ def make_plan(
     check_targets(single, (*taking, *others))
     warnings = [*not_taken([file.within(namespace) for file in files], taking, namespace)]
     layers = [layer.within(namespace) for layer in layers]
-    name = Path(scenario).stem
+    name = printable(Path(scenario).stem)  # which need be no text
     resolved = {node: config_from(node, layers, namespace) for node in taking}
     simulator = resolved["simulator"].config
     # It publishes one plant step ahead: at another rate, its last message would not be for any step.

@@ -51,6 +51,13 @@ class RunFiles:
         Raises PlanError if a file that the run would write exists: with ``force``, only if it is not from a
         run, or is still being written. None: the user has no such option.
         """
+        whole = (folder or Path()).absolute()
+        try:
+            str(whole).encode()
+        except UnicodeEncodeError:
+            raise PlanError(
+                f"output {whole}: ROS 2 takes names in UTF-8 only: give another folder"
+            ) from None
         if folder is None:
             stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
             place = plan.namespace.replace("/", "_")
@@ -66,12 +73,6 @@ class RunFiles:
                     f"{folder}: {error.strerror}: give a folder with --output"
                 ) from None
         files = cls(folder, replaces=bool(force))
-        try:
-            str(folder.absolute()).encode()
-        except UnicodeEncodeError:
-            raise PlanError(
-                f"output {folder.absolute()}: ROS 2 takes names in UTF-8 only: give another folder"
-            ) from None
         if os.path.lexists(folder) and not folder.is_dir():
             raise PlanError(f"output {folder}: it is not a folder: give another")
         if folder.absolute() == Path(folder.absolute().anchor):
