@@ -209,6 +209,8 @@ def test_without_a_page_nobody_waits_for_the_report(
         pass
     live.close()
     assert child.wait() == 0, child.stdout + child.stderr
+    for words in ("stopped by request: ending", "reading the recording", "making the report"):
+        assert words in child.stdout
     assert (tmp_path / "run" / "report.html").exists()
 
 

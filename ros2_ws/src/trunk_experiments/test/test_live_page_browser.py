@@ -123,8 +123,10 @@ def test_standing_still_looks_still(opened):
     )
     for name in ("angle", "torque", "terms"):
         page.wait_for_function(
-            "(name) => { const { min, max } = strips.made.get(name).plot.scales.y;"
-            " return max - min >= 0.09 && max - min < 0.3; }",
+            """(name) => {
+              const { min, max } = strips.made.get(name).plot.scales.y;
+              return max - min > 0.09 && max - min < 0.3;
+            }""",
             arg=name,
         )
 

@@ -19,6 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trunk_control.fuzzy import fired_rules
+from trunk_experiments.analysis.run_table import recorded_metrics
 from trunk_experiments.cli import trunk
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import make_plan
@@ -29,6 +30,7 @@ from trunk_experiments.views import report_data
 from trunk_experiments.views.report import make_report, render, write
 from trunk_experiments.views.report_data import packed
 from trunk_experiments.views.run_view import RunView, rule_use, times_fired
+from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.writer import PROVENANCE
 from trunk_sim.operator_input import Applied
 
@@ -307,6 +309,19 @@ def test_doubts_come_first_and_a_sound_run_has_no_warnings(views, short_run):
     assert all(lines[0].startswith("FELL: at t = 1.0") for lines in told)
     sound = make_report([view_of(short_run("fig6", "pid"))])
     assert sound.runs[0].warnings == ()
+
+
+def test_what_was_read_whole_is_not_read_again(short_run, monkeypatch):
+    path = short_run("fig8", "fuzzy_pid")
+    usual = make_report([view_of(path)])
+    run = RecordedRun.open(path)
+    run.read_whole()
+    tables = Recording.tables
+    monkeypatch.setattr(
+        Recording, "tables", lambda self, wanted: tables(self, wanted) if not wanted else 1 / 0
+    )
+    recorded_metrics(run)
+    assert make_report([RunView.read(run)]) == usual
 
 
 def test_the_command_and_its_size(short_run, tmp_path, monkeypatch):

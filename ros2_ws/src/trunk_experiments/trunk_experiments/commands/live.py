@@ -138,7 +138,9 @@ def command(
         except RunError as error:
             gateway.tell(over=line_of(error))
             raise
+        click.echo("reading the recording")
         run = RecordedRun(recording)
+        run.read_whole()  # once for metrics, doubts and report
         show_run(files, run, interrupted=not plan.simulator.duration)
         if "stop" in heard:
             _show_report(gateway, run, files.folder / _REPORT)
@@ -171,6 +173,7 @@ def _attach(namespace: str, host: str, port: int, url: str, browser: bool, as_js
 
 def _show_report(gateway: GatewayProcess, run: RecordedRun, path: Path) -> None:
     """Write the run's report, and serve it until every page has opened it or was closed, or Ctrl-C."""
+    click.echo("making the report")
     from ..views.report import make_report, write
     from ..views.run_view import RunView
 

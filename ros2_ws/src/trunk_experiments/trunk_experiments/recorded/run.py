@@ -77,9 +77,7 @@ class RecordedRun:
         self.recording = recording
         self._tables: dict[str, JointTable] = {}
         self._kept: dict[str, tuple[set[Column], JointTable]] = {}
-        self._filled: dict[str, JointTable] | None = (
-            None  # read with the recording, not yet asked for
-        )
+        self._filled: dict[str, JointTable] = {}  # read with all others, not yet asked for
         self._configs: dict[str, Any] = {}
         self._processes: dict[str, list[Process]] = {}
 
@@ -218,13 +216,14 @@ class RecordedRun:
         """Read all tables in one pass, for whoever judges the run; the others are read when needed."""
         with suppress(RecordingError):  # code that needs it meets the error again, and reports it
             self.recording.read_whole()
-        self._filled = self._filled or None
+
+    def _is_filled(self, topic: str) -> bool:
+        self._filled |= self.recording.filled()
+        return topic in self._filled
 
     def _read(self, relative: str) -> JointTable:
         topic = self.recording.topic(relative)
-        if self._filled is None:
-            self._filled = self.recording.filled()
-        return self._filled.pop(topic) if topic in self._filled else self.recording.joints(topic)
+        return self._filled.pop(topic) if self._is_filled(topic) else self.recording.joints(topic)
 
     def is_ours(self, relative: str, frame: str) -> bool:
         """Return False for a message of somebody else's node, which has no source.
@@ -290,6 +289,9 @@ class RecordedRun:
         They are those of the tables that were read, or that `keep_series` keeps; the others are read in one
         pass and not kept.
         """
+        for topic in wanted:
+            if self._is_filled(self.recording.topic(topic)):
+                self.table(topic)
         known = {
             topic: self._tables[topic] if topic in self._tables else self._kept[topic][1]
             for topic, columns in wanted.items()

@@ -126,6 +126,7 @@ def _watch(
         ends = interrupt.name or ("request" if over() else "")
         if ends and simulator.exit_code is None:
             if not plan.simulator.duration:
+                note(f"stopped by {ends}: ending the nodes, the recorder last")
                 _end_first(simulator, monitor)
                 return False, ends
             begun = "; the recording holds the run up to here"
