@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 
 import pytest
@@ -18,7 +19,12 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views.compare import best_of, compare, differing_parameters
+from trunk_experiments.views.compare import (
+    best_of,
+    compare,
+    differing_parameters,
+    split_parameters,
+)
 from trunk_experiments.views.report import make_report, render
 from trunk_experiments.views.run_view import RunView, labels
 
@@ -81,6 +87,20 @@ def test_parameters_that_differ(short_run, found):
         "controller.gains.i": (100.0, 36.0),
         "controller.gains.d": (9.0, 400.0),
     }
+
+
+def test_parameters_that_only_some_runs_have_are_listed_once(runs):
+    parameters = {"a": (1, None, None), "b": (None, 2, 2), "c": (None, 3, 4), "d": (5, 6, 5)}
+    beside, only = split_parameters("xyz", parameters)
+    assert beside == {"c": (None, 3, 4), "d": (5, 6, 5)}
+    assert only == {"x": {"a": 1}, "y, z": {"b": 2}}
+    for form in ((), ("--markdown",)):
+        text = invoke(*runs, *form)
+        assert "–" not in text
+        common, pid, fuzzy = re.split("nly in fig6-(?:fuzzy_)?pid", text)
+        assert "controller.gains" not in common
+        assert "controller.gains.p " in pid
+        assert "controller.gains.p_max" in fuzzy
 
 
 def test_where_runs_diverge(runs, found, short_run):

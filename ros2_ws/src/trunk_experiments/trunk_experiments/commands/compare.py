@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 import click
 
 from ..analysis.metrics import QUANTITIES
-from ..analysis.parameter_text import ChangedParameter, differing_texts, lines_of
+from ..analysis.parameter_text import ChangedParameter, differing_texts, lines_of, value_text
 from ..console.document import json_option, write_json
 from ..console.reading import open_views, show_warnings_of
 from ..console.tables import csv_table, markdown_table, print_table
@@ -19,7 +19,7 @@ from ..recorded.run import BranchOf
 from ..replay.diff import FirstDifference
 from ..replay.doubts import Doubts
 from ..results import Keyword, Quantity, Result, number
-from ..views.compare import Comparison, compare, table_grids
+from ..views.compare import Comparison, compare, split_parameters, table_grids
 from ..views.task import not_ranked
 
 
@@ -140,8 +140,11 @@ def as_markdown(comparison: Comparison) -> str:
         quantity = _quantity(row.key)
         rows.append((quantity.label, quantity.unit, *shown))
     lines += [markdown_table(("quantity", "unit", *names), rows)]
-    if comparison.parameters:
-        lines += ["", markdown_table(("parameter", *names), settings(comparison))]
+    beside, only = settings(comparison)
+    if beside:
+        lines += ["", markdown_table(("parameter", *names), beside)]
+    for whose, values in only.items():
+        lines += ["", f"Only in {whose}:", "", markdown_table(("parameter", "value"), values)]
     if lines_of_changes := changed(comparison):
         lines += ["", *(f"- {line}" for line in lines_of_changes)]
     for title, (head, *cells) in table_grids(
@@ -166,12 +169,19 @@ def _quantity(key: str) -> Quantity:
     return QUANTITIES.get(key, Quantity(key, ""))
 
 
-def settings(comparison: Comparison) -> list[tuple[str, ...]]:
-    """Return the rows of the table of differing parameters."""
-    return [
+def settings(
+    comparison: Comparison,
+) -> tuple[list[tuple[str, ...]], dict[str, list[tuple[str, str]]]]:
+    """Return the rows of the table of differing parameters, and those that only some runs have."""
+    beside, only = split_parameters(comparison.names, comparison.parameters)
+    rows = [
         (name, *differing_texts(values, comparison.axes.get(name)))
-        for name, values in comparison.parameters.items()
+        for name, values in beside.items()
     ]
+    return rows, {
+        whose: [(name, value_text(value)) for name, value in values.items()]
+        for whose, values in only.items()
+    }
 
 
 def changed(comparison: Comparison) -> list[str]:
@@ -207,16 +217,15 @@ def _show(comparison: Comparison) -> None:
             for row in comparison.rows
         ],
     )
-    if comparison.parameters:
-        print_table(
-            "parameters that differ",
-            ("parameter", *comparison.names),
-            settings(comparison),
-        )
+    beside, only = settings(comparison)
+    if beside:
+        print_table("parameters that differ", ("parameter", *comparison.names), beside)
     for title, (head, *cells) in table_grids(
         comparison.names, comparison.parameters, comparison.axes
     ):
         print_table(title, head, cells)
+    for whose, values in only.items():
+        print_table(f"parameters only in {whose}", ("parameter", "value"), values)
     if lines := changed(comparison):
         print_title("changed while it ran")
         click.echo("\n".join([*lines, ""]))

@@ -111,6 +111,25 @@ def differing_parameters(views: Sequence[RunView]) -> dict[str, tuple[Value | No
     return {name: row for name, row in table.items() if any(value != row[0] for value in row)}
 
 
+def split_parameters(
+    names: Sequence[str], parameters: Mapping[str, tuple[Value | None, ...]]
+) -> tuple[dict[str, tuple[Value | None, ...]], dict[str, dict[str, Value]]]:
+    """Return the differing parameters to be shown side by side, and those that only some runs have.
+
+    The latter by the names of these runs, among which they do not differ.
+    """
+    beside: dict[str, tuple[Value | None, ...]] = {}
+    only: dict[tuple[int, ...], dict[str, Value]] = {}
+    for name, values in parameters.items():
+        there = [value for value in values if value is not None]
+        if len(there) == len(values) or any(value != there[0] for value in there):
+            beside[name] = values
+        else:
+            whose = tuple(i for i, value in enumerate(values) if value is not None)
+            only.setdefault(whose, {})[name] = there[0]
+    return beside, {", ".join(names[i] for i in whose): only[whose] for whose in sorted(only)}
+
+
 def table_axes(
     views: Sequence[RunView], parameters: Mapping[str, tuple[Value | None, ...]]
 ) -> dict[str, Axes]:

@@ -31,14 +31,27 @@ from trunk_msgs_util.text import shell_words
 from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import QUANTITIES
-from ..analysis.parameter_text import changed_parameters, differing_texts, full_text, lines_of
+from ..analysis.parameter_text import (
+    changed_parameters,
+    differing_texts,
+    full_text,
+    lines_of,
+    value_text,
+)
 from ..parts.page import REPORT_SCRIPTS, REPORT_STYLES, inline, part, policy, rendered, write_page
 from ..plans.nodes import CONTROLLERS
 from ..recorded.run import RecordedRun
 from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
 from ..results import number
-from .compare import Row, differing_parameters, metric_rows, table_axes, table_grids
+from .compare import (
+    Row,
+    differing_parameters,
+    metric_rows,
+    split_parameters,
+    table_axes,
+    table_grids,
+)
 from .plots import drawn, planes, with_unit
 from .report_data import report_data
 from .rule_plots import surface
@@ -110,6 +123,7 @@ class Report:
     no_metrics: str  # why there are none
     not_ranked: str  # why no run is the best; empty: one may be
     differing: Mapping[str, tuple[str, ...]]
+    only: Mapping[str, Mapping[str, str]]  # parameters that only some runs have, by their names
     tables: tuple[
         tuple[str, list[list[str]]], ...
     ]  # rule tables that differ: a title, rows of texts
@@ -128,13 +142,15 @@ def make_report(views: Sequence[RunView]) -> Report:
         rows, reason = (), str(error)
     differing = differing_parameters(views) if len(views) > 1 else {}
     axes = table_axes(views, differing)
+    beside, only = split_parameters(names, differing)
     return Report(
         title=" · ".join(names),
         runs=tuple(map(_section, views, names, doubts)),
         metrics=rows,
         no_metrics=reason,
         not_ranked=not_ranked(tasks),
-        differing={n: differing_texts(values, axes.get(n)) for n, values in differing.items()},
+        differing={n: differing_texts(values, axes.get(n)) for n, values in beside.items()},
+        only={w: {n: value_text(v) for n, v in values.items()} for w, values in only.items()},
         tables=tuple(table_grids(names, differing, axes)),
         pictures=tuple(_pictures(views, names)),
         data=report_data(views),
