@@ -290,3 +290,26 @@ def test_states_are_saved_as_csv_for_those_who_have_only_a_browser(opened, tmp_p
     assert len(rows) == 3001
     assert rows[-1].startswith("3,")
     assert "all 3001 states of the run of fuzzy_pid" in page.inner_text("#saved")
+
+
+def test_paper_has_the_whole_run_on_one_page(opened):
+    page = opened(color_scheme="dark")
+    page.evaluate(
+        """() => addEventListener("beforeprint", () => queueMicrotask(() => {
+            window.printed = [...strips.made.values()].map(({ target, plot }) => ({
+                room: target.clientWidth, width: plot.width, ink: plot.axes[0].stroke(),
+                last: plot.data[0].at(-1), canvas: plot.ctx.canvas.clientWidth,
+            }));
+            const { canvas } = scene;
+            window.stretched = canvas.width / canvas.clientWidth - canvas.height / canvas.clientHeight;
+        }))"""
+    )
+    page.evaluate("() => wire.take({ ...wire.setup, pushes: [[1e9, 20, 0], [1.1e9, 0, 0]] })")
+    pages = page.pdf(format="A4").count(b"/Type /Page\n")
+    assert pages == 1
+    for chart in page.evaluate("() => window.printed"):
+        assert chart["width"] == chart["room"] == chart["canvas"] < 184 / 25.4 * 96  # mm to pixels
+        assert chart["ink"] == "#000"
+        assert chart["last"] == pytest.approx(3.0)
+    assert abs(page.evaluate("() => window.stretched")) < 0.02
+    page.wait_for_function("() => strips.made.get('angle').plot.axes[0].stroke() !== '#000'")

@@ -203,6 +203,18 @@ const view = (() => {
     requestAnimationFrame(paint);
   };
   requestAnimationFrame(paint);
+
+  // ── paper ────────────────────────────────────────────────────────────────────────────────────────────
+  const lay = (on) => {
+    document.documentElement.toggleAttribute("data-paper", on); // the style sheet's width and colours of paper
+    forgetColors();
+    if (on) wire.finish?.();
+    strips.drawAll(view.time, true);
+    for (const one of [scene, rules]) one.draw(view.time);
+  };
+  addEventListener("beforeprint", () => lay(true));
+  addEventListener("afterprint", () => lay(false));
+  matchMedia("print").addEventListener("change", ({ matches }) => lay(matches));
   return view;
 })();
 wire.open();

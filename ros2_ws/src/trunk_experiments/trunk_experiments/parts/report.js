@@ -1,10 +1,8 @@
 "use strict";
-// What only a report has: runs hidden and subtracted, what is in force at the time shown, and paper.
+// What only a report has: runs hidden and subtracted, and what is in force at the time shown.
 (() => {
-  const root = document.documentElement;
   const at = (id) => document.getElementById(id);
 
-  // ── paper ────────────────────────────────────────────────────────────────────────────────────────────
   // Programs print a page as soon as it has loaded. A document that is being written delays that: here, that of a
   // frame without a place, until everything is drawn.
   const frame = document.createElement("iframe");
@@ -12,25 +10,13 @@
   document.body.append(frame);
   const page = frame.contentDocument;
   page.open();
-  const lay = (on) => {
-    root.toggleAttribute("data-paper", on); // the style sheet's width and colours of paper
-    forgetColors();
-    at("paper-time").textContent = `Animation and values: at t = ${view.time.toFixed(3)} s`;
-    paintKeys();
-    strips.drawAll(view.time, true);
-    scene.draw(view.time);
-  };
-  addEventListener("beforeprint", () => lay(true));
-  addEventListener("afterprint", () => lay(false));
-  matchMedia("print").addEventListener("change", ({ matches }) => lay(matches));
 
   // ── runs ─────────────────────────────────────────────────────────────────────────────────────────────
-  const paintKeys = () => document.querySelectorAll("line[data-run]").forEach((key) => {
+  document.querySelectorAll("line[data-run]").forEach((key) => {
     const index = Number(key.dataset.run);
-    key.style.stroke = runColor(index);
+    key.style.stroke = `var(--run${index % 8})`;
     key.style.strokeDasharray = runDash(index).join(" ") || "none";
   });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paintKeys);
   document.querySelectorAll("button.toggle").forEach((button) => {
     const index = Number(button.dataset.toggle);
     button.addEventListener("click", () => {
@@ -93,6 +79,7 @@
   for (const button of document.querySelectorAll("[data-seek]")) button.addEventListener("click", () => view.seek(Number(button.dataset.seek)));
 
   wire.at = (time) => {
+    at("paper-time").textContent = `Animation and values: at t = ${time.toFixed(3)} s`;
     if (known.recorded) force(time);
     for (const { dot, axes, index } of known.recorded ? dots : []) {
       const { plant, hidden, world } = known.runs[index];
@@ -114,10 +101,9 @@
     if (kind !== "recorded") return;
     view.digits = 3;
     view.playing = false; // nothing moves by itself
-    paintKeys();
     requestAnimationFrame(() => requestAnimationFrame(() => {
       strips.drawAll(view.time, false);
-      root.dataset.ready = "true";
+      document.documentElement.dataset.ready = "true";
       page.close();
       frame.remove();
     }));

@@ -74,13 +74,15 @@ const wire = (() => {
     channel.port2.postMessage(null);
   };
   const lagging = () => engines.filter((engine) => !engine.ended && engine.count < goal).sort((a, b) => a.count - b.count)[0];
-  channel.port1.onmessage = () => {
-    queued = false;
-    const until = performance.now() + PIECE_MS;
+  const compute = (until) => {
     for (let engine = lagging(); engine && performance.now() < until; engine = lagging()) engine.advance(Math.min(goal, engine.count + CHUNK));
     engines.forEach(publish);
     if (lagging()) schedule();
     else if (!hand) done();
+  };
+  channel.port1.onmessage = () => {
+    queued = false;
+    compute(performance.now() + PIECE_MS);
   };
   const done = () => {
     say("whole");
@@ -269,6 +271,7 @@ const wire = (() => {
       const text = answers[kind]?.(values) ?? "a lab has no such thing";
       return { ok: !text, text };
     },
+    finish: () => { if (lagging()) compute(Infinity); },
     reach, take, whole, engines,
     get setup() { return setup; },
   };
