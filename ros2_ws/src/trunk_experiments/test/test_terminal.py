@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import json
+import os
+import struct
 import sys
+import termios
 
 import pytest
 
@@ -51,6 +55,25 @@ def test_an_error_shows_the_name_that_was_given(monkeypatch):
     said = says(monkeypatch, "simulate", EVIL, "-o", "x.mcap")
     assert said.startswith("trunk: error: no scenario ")
     assert not set(said) & {"\x1b", "\x07"}
+
+
+@pytest.mark.parametrize(
+    "words", ["list scenarios", "simulate demo --set simulator.plant.mass=3 -o x.mcap"]
+)
+def test_a_terminal_of_80_columns_breaks_no_word(trunk, monkeypatch, words):
+    wanted = "".join(trunk(*words.split())[1:])
+    master, slave = os.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    with os.fdopen(slave, "w") as screen:
+        monkeypatch.setattr(sys, "stdout", screen)
+        monkeypatch.setattr(sys, "stderr", screen)
+        with pytest.raises(SystemExit):
+            main()
+    shown = os.read(master, 4096).decode()  # less than that waits until it is read
+    rows = [line[i : i + 80] for line in shown.split("\r\n") for i in range(0, len(line), 80)]
+    assert max(map(len, shown.split("\r\n"))) > 80
+    assert [word for row in rows for word in row.split()] == wanted.split()
+    assert shown.count("\r\n") == wanted.count("\n")
 
 
 LONG = 3000 * "n"

@@ -73,8 +73,25 @@ def quoted_names(names: Sequence[str]) -> str:
     return f"[{', '.join(shown)}]{more}"
 
 
+def _at_words(line: str, width: int) -> str:
+    """Return a line with spaces up to the edge of a terminal wherever it would break a word.
+
+    A newline would do, too, but make two lines of a command that is copied.
+    """
+    rows = []
+    while len(line) > width:
+        cut = line.rfind(" ", 0, width)
+        cut = cut if line[width] != " " and line[:cut].strip() else width
+        rows.append(line[:cut].ljust(width))
+        line = line[cut:] if cut == width else line[cut:].lstrip(" ")
+    return "".join([*rows, line])
+
+
 class PrintableStream:
-    """A stream that prints only `printable` text; what an ASCII terminal lacks becomes a question mark."""
+    """A stream that prints only `printable` text; what an ASCII terminal lacks becomes a question mark.
+
+    On a terminal, a line that is too long for it breaks between words.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
@@ -86,7 +103,10 @@ class PrintableStream:
 
     def write(self, text: str) -> int:
         """Print the text."""
-        return self.stream.write(printable(text))
+        lines = printable(text).split("\n")
+        if self.stream.isatty() and (width := os.get_terminal_size(self.stream.fileno()).columns):
+            lines = [_at_words(line, width) for line in lines]
+        return self.stream.write("\n".join(lines))
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.stream, name)

@@ -132,7 +132,9 @@ def command(
                 files,
                 lambda t: done(t, duration, f"{t:.1f} of {duration:g} s"),
                 composed=composed,
-                note=lambda line: screen.print(line, highlight=False, markup=False, soft_wrap=True),
+                note=lambda line: screen.print(
+                    line, highlight=False, markup=False, soft_wrap=not screen.is_terminal
+                ),
             )
     except RunError as error:
         if not as_json:

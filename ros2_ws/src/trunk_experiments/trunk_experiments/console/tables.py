@@ -121,7 +121,8 @@ def _print_columns(cells: Cells, columns: Sequence[int], left: set[int], width: 
             ]
             click.echo((_EDGE + _EDGE.join(padded)).rstrip())
         if number == 0:
-            click.echo(_EDGE + "-" * (sum(widths) + len(_EDGE) * (len(widths) - 1)))
+            length = sum(widths) + len(_EDGE) * len(widths)
+            click.echo(_EDGE + "-" * (min(length, width) - len(_EDGE)))
     click.echo()
 
 
