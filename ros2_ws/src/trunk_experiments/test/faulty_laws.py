@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trunk_control.api import ControllerConfig, Law, Limits, Sample, limited, parameter, usable
+from trunk_control.api import ControllerConfig, Law, Limits, Sample, limited, parameter, sin, usable
 
 
 @dataclass(frozen=True)
@@ -228,6 +228,13 @@ def is_nan_where_it_saturates(memory, sample, constants, limits):
     if terms.unsaturated != terms.effort:
         return after._replace(effort=math.nan), terms._replace(effort=math.nan)
     return after, terms
+
+
+@mutant("finite")
+def compensates_by_a_sine(memory, sample, constants, limits):
+    after, terms = honest(memory, sample, constants, limits)
+    effort = terms.effort + sin(sample.measurement)
+    return after._replace(effort=effort), terms._replace(effort=effort)
 
 
 @mutant("finite")

@@ -53,6 +53,10 @@ def test_what_numba_refuses_is_noted(command_says, monkeypatch):
     (note,) = [line for line in out.splitlines() if line.startswith("note: compiled")]
     assert "not compilable: no dict" in note
     assert "sweeps will use CPython, " in note
+    assert "17 of 18 kept, 1 noted\n" in out
+    assert [line.split()[1] for line in out.splitlines() if line.startswith("  compiled ")] == [
+        "noted"
+    ]
 
 
 @pytest.mark.one_in(3)
@@ -84,6 +88,12 @@ def test_a_finding_names_function_input_and_advice() -> None:
         "faulty_laws.divides_by_dt: reference 0.0, measurement 0.0, rate 0.0, dt 0.0"
         in found.line()
     )
+
+
+def test_where_a_sine_is_nan_is_said() -> None:
+    (found,) = BY_NAME["finite"].run(FAULTS["compensates_by_a_sine"][1])
+    assert "sin and cos of trunk_control.api are NaN beyond +-1647099 rad" in found.advice
+    assert all("NaN" not in one.advice for one in BY_NAME["finite"].run(FAULTS["divides_by_dt"][1]))
 
 
 def test_the_shipped_law_of_the_fuzzy_pid_has_its_own_names() -> None:
@@ -120,9 +130,10 @@ def test_a_power_is_refused_with_what_to_write(tmp_path, power: str, instead: st
 
 @pytest.fixture
 def default_file(tmp_path, monkeypatch):
-    """Return where the package of the honest law has its default file."""
+    """Return where the package of the honest law has its default file; it is imported by colcon's link."""
+    (tmp_path / "build").symlink_to(tmp_path)
     package = ModuleType("package_of_honest")
-    package.__file__ = str(tmp_path / "__init__.py")
+    package.__file__ = str(tmp_path / "build" / "__init__.py")
     monkeypatch.setitem(sys.modules, "package_of_honest", package)
     monkeypatch.setattr(HONEST.config, "__module__", "package_of_honest.law")
     (tmp_path / "config").mkdir()

@@ -31,7 +31,7 @@ from trunk_control.law import Hip, Law, Sample, from_scratch, unchanged
 from trunk_control.laws import law_named
 from trunk_control.limits import Limits, limited
 from trunk_msgs_util.compiled import call_graph
-from trunk_msgs_util.elementary import cos, sin
+from trunk_msgs_util.elementary import LARGEST_ANGLE, cos, sin, sincos
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import (
     Declaration,
@@ -209,7 +209,8 @@ def named(law: Law) -> Iterator[LawFinding]:
 def in_default_file(law: Law) -> Iterator[LawFinding]:
     """Yield differences in parameters between the law and the package's ``config/default.yaml``."""
     package = sys.modules[law.config.__module__.partition(".")[0]]
-    path = Path(package.__file__ or "").parent / "config" / "default.yaml"
+    # The one in the sources, to which colcon's build folder may link.
+    path = Path(package.__file__ or "").resolve().parent / "config" / "default.yaml"
     if not path.is_file():
         return
     try:
@@ -256,7 +257,8 @@ _BUILTINS = {
 }
 _OURS = ("trunk_control.", "trunk_msgs_util.")
 _PORTABLE = (
-    "use sin, cos, atan2, exp, log, tanh, sqrt of trunk_control.api: the same bits on every machine"
+    "use sin, cos, atan2, exp, log, tanh, sqrt of trunk_control.api: the same bits on every machine, "
+    f"and NaN from sin and cos beyond +-{LARGEST_ANGLE:.0f} rad"
 )
 
 
@@ -476,7 +478,9 @@ def pure(law: Law) -> Iterator[LawFinding]:
 
 def finite_always(law: Law) -> Iterator[LawFinding]:
     """Yield a finding where an input makes the command or the memory not finite, or raises."""
-    update = name_of(law.update)
+    update, hold = name_of(law.update), "return the memory as it was, and held = True"
+    if sincos in functions_of(law):
+        hold += f"; sin and cos of trunk_control.api are NaN beyond +-{LARGEST_ANGLE:.0f} rad"
     for sample in extreme():
         driven = Driven(law)
         driven.run(swinging(5 * DT))
@@ -495,7 +499,7 @@ def finite_always(law: Law) -> Iterator[LawFinding]:
                 "finite",
                 update,
                 f"{given(sample)} gives effort {terms.effort!r}, memory {tuple(driven.memory)!r}",
-                "hold where a result is not finite: return the memory as it was, and held = True",
+                f"hold where a result is not finite: {hold}",
             )
             return
 
@@ -768,7 +772,7 @@ def exports(law: Law) -> Iterator[LawFinding]:
             "exportable",
             f"{error.function}, line {error.line}",
             f"{error.text}: {error.problem}",
-            f"{error.remedy}; until then there is no trunk export-c of it",
+            f"{error.remedy}; until then trunk export-c refuses it",
             note=True,
         )
 

@@ -108,7 +108,7 @@ def fault_of_a_law(error: BaseException) -> str:
             if place == file or place in file.parents:
                 reason = " ".join(f"{type(error).__name__}: {error}".split())
                 return (
-                    f"controller {name!r}: {frame.filename}, line {frame.lineno}, in {frame.name}: {reason}; "
+                    f"controller {name!r}: {file}, line {frame.lineno}, in {frame.name}: {reason}; "
                     f"trunk controller check {name} tests it alone"
                 )
     return ""

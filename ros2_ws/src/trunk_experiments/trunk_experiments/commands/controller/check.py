@@ -65,11 +65,12 @@ def _checked(name: str, check: LawCheck) -> CheckedLaw:
 
 
 def _show(result: CheckResult) -> None:
-    count = sum(check.kept for check in result.checks)
+    words = [("noted" if c.findings else "kept") if c.kept else "NOT KEPT" for c in result.checks]
+    noted = f", {count} noted" if (count := words.count("noted")) else ""
     print_table(
-        f"{result.label} ({result.package}): {count} of {len(result.checks)} kept",
+        f"{result.label} ({result.package}): {words.count('kept')} of {len(words)} kept{noted}",
         ("check", "", "asserts"),
-        [(c.name, "kept" if c.kept else "NOT KEPT", c.asserts) for c in result.checks],
+        [(c.name, word, c.asserts) for c, word in zip(result.checks, words, strict=True)],
     )
     checks_of: dict[LawFinding, list[str]] = {}  # of the same finding, by each of its checks
     for check in result.checks:
