@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
         ("launch trunk_experiments trunk.launch.py", "trunk run SCENARIO"),
         ("bag info a", "trunk info BAG"),
         ("bag record -a", "ros2 run trunk_msgs_util recorder"),
-        ("service call /simulator/reset std_srvs/srv/Trigger", ""),
+        ("action send_goal /simulator/reset std_srvs/srv/Trigger", ""),
     ],
 )
 def test_a_verb_that_it_lacks_names_what_does_the_same(words: str, instead: str) -> None:
@@ -45,7 +45,7 @@ def test_a_verb_that_it_lacks_names_what_does_the_same(words: str, instead: str)
         ),
         (
             "topic bw /a",
-            "ros2 (stand-in): no 'topic bw' here; the stand-in has topic list, topic echo, ",
+            "ros2 (stand-in): no 'topic bw' here; the stand-in has topic list, topic info, ",
         ),
         (
             "topic list --bw",
@@ -69,6 +69,18 @@ def test_a_mistake_is_one_line_that_names_what_there_is(words: str, line: str) -
     done = finished([ROOT / "scripts/standin/ros2", *words.split()])
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert done.stderr.startswith(line)
+
+
+def test_an_interface_is_shown_with_what_is_in_it() -> None:
+    done = finished(
+        [ROOT / "scripts/standin/ros2", "interface", "show", "sensor_msgs/msg/JointState"]
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("# This is a message that holds data")
+    nested = "builtin_interfaces/Time stamp\n\t\tint32 sec\n\t\tuint32 nanosec\n\tstring frame_id"
+    assert f"\nstd_msgs/Header header\n\t{nested}\n\nstring[] name\n" in done.stdout
+    done = finished([ROOT / "scripts/standin/ros2", "interface", "show", "Nix"])
+    assert (done.returncode, done.stderr) == (1, "Could not find the interface 'Nix'\n")
 
 
 def test_executables_are_found_and_started() -> None:

@@ -52,10 +52,14 @@ VERBS = {  # `=` is before the default of an option, `?` behind what may be left
     "pkg executables": "--full-path package_name?",
     "pkg prefix": "--share package_name",
     "topic list": "-t/--show-types --include-hidden-topics",
+    "topic info": "-v/--verbose topic_name",
     "topic echo": f"--once --field= --timeout=.inf {QOS}sensor_data topic_name message_type?",
     "topic hz": "-w/--window=10000 topic_name",
     "topic pub": f"-1/--once -t/--times=0 -r/--rate=1.0 -w/--wait-matching-subscriptions=-1 "
     f"{QOS}default topic_name message_type values",
+    "service list": "-t/--show-types -c/--count-services --include-hidden-services",
+    "service call": "service_name service_type values?",
+    "interface show": "type",
     "param list": f"{NODE}?",
     "param get": f"--hide-type {NODE} parameter_name",
     "param set": f"{NODE} parameter_name value",
@@ -134,7 +138,7 @@ class Verbs:
             print(f"WARNING: topic [{given}] does not appear to be published yet")
             if not self.until(types, patience_s):
                 raise RuntimeError("Could not determine the type for the passed topic")
-        return topic, message_class(named or types()[0])
+        return topic, interface_class(named or types()[0])
 
     def run(self, args: Namespace) -> None:
         there = " ".join(executables(args.package_name))  # the script starts what is there
@@ -157,6 +161,45 @@ class Verbs:
         for name, types in self.node.get_topic_names_and_types():
             if args.include_hidden_topics or not is_hidden(name):
                 print(f"{name} [{', '.join(types)}]" if args.show_types else name)
+
+    def topic_info(self, args: Namespace) -> None:
+        self.settled()
+        topic = expand_topic_name(args.topic_name, self.node.get_name(), "/")
+        types = dict(self.node.get_topic_names_and_types()).get(topic)
+        if not types:
+            raise RuntimeError(f"Unknown topic '{args.topic_name}'")
+        publishers = self.node.get_publishers_info_by_topic(topic)
+        subscriptions = self.node.get_subscriptions_info_by_topic(topic)
+        lines = [f"Type: {types[0] if len(types) == 1 else types}"]
+        for title, ends in ("Publisher", publishers), ("Subscription", subscriptions):
+            lines += [f"{title} count: {len(ends)}", *(ends if args.verbose else [])]
+        print(*lines, sep=(end := "\n" * (1 + args.verbose)), end=end)
+
+    def service_list(self, args: Namespace) -> None:
+        self.settled()
+        found = self.node.get_service_names_and_types()
+        shown = [(n, t) for n, t in found if args.include_hidden_services or not is_hidden(n)]
+        if args.count_services:
+            print(len(shown))
+            return
+        for name, types in shown:
+            print(f"{name} [{', '.join(types)}]" if args.show_types else name)
+
+    def service_call(self, args: Namespace) -> int:
+        kind = interface_class(args.service_type, "srv", "service")
+        request = from_yaml(kind.Request, args.values or "{}")
+        client = self.node.create_client(kind, args.service_name)
+        if not self.until(client.service_is_ready, PATIENCE_S):
+            print("waiting for service to become available...")
+            self.until(client.service_is_ready)
+        print(f"requester: making request: {request!r}\n")
+        future = client.call_async(request)
+        self.until(future.done)
+        print(f"response:\n{future.result()!r}\n")
+        return int(not getattr(future.result(), "success", True))
+
+    def interface_show(self, args: Namespace) -> None:
+        print("\n".join(interface_lines(args.type)))
 
     def topic_echo(self, args: Namespace) -> None:
         topic, kind = self.topic()
@@ -192,13 +235,8 @@ class Verbs:
             print(f"max: {max(gaps):.3f}s std dev: {pstdev(gaps):.5f}s window: {len(gaps)}")
 
     def topic_pub(self, args: Namespace) -> None:
-        kind, times, count = message_class(args.message_type), int(args.once) or args.times, 0
-        if not isinstance(values := yaml.safe_load(args.values), dict):
-            raise RuntimeError("The passed value needs to be a dictionary in YAML format")
-        try:
-            message = filled(kind, values)
-        except (AssertionError, AttributeError, TypeError, ValueError, OverflowError) as error:
-            raise RuntimeError(f"Failed to populate field: {error}") from None
+        kind, times, count = interface_class(args.message_type), int(args.once) or args.times, 0
+        message = from_yaml(kind, args.values)
         publisher = self.node.create_publisher(kind, args.topic_name, quality(args, []))
         wanted = int(times > 0) if (wait := args.wait_matching_subscriptions) < 0 else wait
         while not self.until(lambda: publisher.get_subscription_count() >= wanted, 1.0):
@@ -324,12 +362,31 @@ def executables(package: str) -> dict[str, Path]:
     return {path.name: path for path in files if path.is_file() and os.access(path, os.X_OK)}
 
 
-def message_class(name: str) -> Any:
-    package, _, last = name.replace("/msg/", "/").partition("/")
+def interface_class(name: str, folder: str = "msg", what: str = "message") -> Any:
+    package, _, last = name.replace(f"/{folder}/", "/").partition("/")
     try:
-        return getattr(import_module(f"{package}.msg"), last)
+        return getattr(import_module(f"{package}.{folder}"), last)
     except (AttributeError, ImportError, TypeError):
-        raise RuntimeError("The passed message type is invalid") from None
+        raise RuntimeError(f"The passed {what} type is invalid") from None
+
+
+def interface_lines(name: str, edge: str = "") -> Iterator[str]:
+    """Yield an interface's lines, and below a field of another message that one's, without comments."""
+    try:
+        package, *folder, last = name.split("/")
+        share = Path(get_package_prefix(package), "share", package, *(folder or ["msg"]))
+        path = next(
+            file for end in (".msg", ".srv", ".action") if (file := share / (last + end)).exists()
+        )
+    except (LookupError, StopIteration, ValueError):
+        raise RuntimeError(f"Could not find the interface '{name}'") from None
+    for line in path.read_text(encoding="utf-8").rstrip().splitlines():
+        code = line.partition("#")[0].rstrip()
+        if code or not edge:
+            yield edge + (code if edge else line.rstrip())
+        kind = code.partition(" ")[0].partition("[")[0]
+        if "/" in kind or kind[:1].isupper():
+            yield from interface_lines(kind if "/" in kind else f"{package}/{kind}", edge + "\t")
 
 
 def plain(value: Any) -> Any:
@@ -340,6 +397,16 @@ def plain(value: Any) -> Any:
     if isinstance(value, bool | int | float | str) and not isinstance(value, generic):
         return value
     return value.item() if isinstance(value, generic) else [plain(item) for item in value]
+
+
+def from_yaml(kind: Any, text: str) -> Any:
+    """Return a message with the fields that a text gives. Raises RuntimeError."""
+    if not isinstance(values := yaml.safe_load(text), dict):
+        raise RuntimeError("The passed value needs to be a dictionary in YAML format")
+    try:
+        return filled(kind, values)
+    except (AssertionError, AttributeError, TypeError, ValueError, OverflowError) as error:
+        raise RuntimeError(f"Failed to populate field: {error}") from None
 
 
 def filled(kind: Any, values: Any) -> Any:
@@ -413,6 +480,8 @@ def main(words: list[str]) -> Any:
         return 141
     except (RuntimeError, TrunkError, OSError, ValueError, LookupError, yaml.YAMLError) as error:
         absent = "Node not found: " if isinstance(error, LiveParametersError) else ""
+        if isinstance(error, OSError) and error.filename is None:
+            absent = "standard output: "
         return absent + " ".join(str(error).split())
     finally:
         rclpy.try_shutdown()

@@ -129,6 +129,33 @@ def test_lists(children: Children, peer: Peer, ros2: Ros2) -> None:
     assert pid.stop() == 0, pid.stderr
 
 
+def test_a_topic_and_a_service(children: Children, peer: Peer, ros2: Ros2) -> None:
+    pid = children.node("pid")
+    peer.until_up("pid")
+    counts = f"Type: {KIND}\nPublisher count: 1\nSubscription count: 0\n"
+    while (info := ros2("topic", "info", "/effort_command")) != (0, counts, ""):
+        assert info[2] in ("", "Unknown topic '/effort_command'\n")  # it is discovered late
+    code, text, errors = ros2("topic", "info", "-v", "effort_command")
+    assert (code, text[: len(KIND) + 8], errors) == (0, f"Type: {KIND}\n\n", "")
+    assert "Publisher count: 1\n\nNode name: pid\n" in text
+    assert ros2("topic", "info", "/nix") == (1, "", "Unknown topic '/nix'\n")
+
+    kind, service = "rcl_interfaces/srv/GetParameters", "/pid/get_parameters"
+    while f"{service} [{kind}]\n" not in (listed := ros2("service", "list", "-t"))[1]:
+        pass
+    assert (listed[0], listed[2], "/_" in listed[1]) == (0, "", False)
+    code, text, errors = ros2("service", "call", service, kind, "{names: [gains.p]}")
+    assert (code, errors) == (0, "")
+    assert text.startswith("requester: making request: rcl_interfaces.srv.GetParameters_Request(")
+    assert "\n\nresponse:\nrcl_interfaces.srv.GetParameters_Response(" in text
+    assert "double_value=60.0" in text
+    wrong = "Failed to populate field: 'GetParameters_Request' object has no attribute 'nme'\n"
+    assert ros2("service", "call", service, kind, "{nme: []}") == (1, "", wrong)
+    wrong = "The passed service type is invalid\n"
+    assert ros2("service", "call", service, "rcl_interfaces/srv/Nix") == (1, "", wrong)
+    assert pid.stop() == 0, pid.stderr
+
+
 def test_a_reference_is_published(children: Children, peer: Peer, ros2: Ros2) -> None:
     pid = children.node("pid")
     peer.until_up("pid")
