@@ -50,7 +50,7 @@ def bounded(text: str) -> str:
     """
     for longest in (240, 120, 60):
         if len(text) > LONGEST_MESSAGE:
-            text = re.sub(rf"\S{{{longest + 1},}}", lambda m, n=longest: _middle_cut(m[0], n), text)
+            text = " ".join(_middle_cut(word, longest) for word in text.split(" "))
     return _middle_cut(text, LONGEST_MESSAGE)
 
 
