@@ -155,7 +155,7 @@ def test_a_file_whose_name_is_no_text(trunk, inputs, tmp_path):
     folder.mkdir()
     scenario = folder / os.fsdecode(b"L\xe4.yaml")
     scenario.write_text("simulator: {ros__parameters: {duration: 0.1}}")
-    code, out, err = trunk("simulate", scenario, "-o", folder / "a.mcap")
+    code, _, err = trunk("simulate", scenario, "-o", folder / "a.mcap")
     assert (code, err) == (0, "")
     code, out, err = trunk(
         "sweep", inputs / "study.yaml", "-o", folder / "a.parquet", "--jobs", "1"

@@ -241,8 +241,8 @@ def compare_topic(
         x, y = a.values(quantity)[rows_a], b.values(quantity)[rows_b]
         both, widest = sorted((x.shape[1], y.shape[1]))
         for name in a.names[both:widest][:1]:
-            lone = (1.0, None) if x.shape[1] > both else (None, 1.0)
-            firsts.append(FirstDifference(int(stamps[0]), relative, f"{quantity}[{name}]", *lone))
+            values = (1.0, None) if x.shape[1] > both else (None, 1.0)
+            firsts.append(FirstDifference(int(stamps[0]), relative, f"{quantity}[{name}]", *values))
             steps.update(stamps.tolist())
         for i, name in enumerate(a.names[:both]):
             columns.append(ComparedColumn(relative, f"{quantity}[{name}]", x[:, i], y[:, i]))
