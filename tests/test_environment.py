@@ -157,7 +157,7 @@ def test_a_file_whose_name_is_no_text(trunk, inputs, tmp_path):
     scenario.write_text("simulator: {ros__parameters: {duration: 0.1}}")
     code, _, err = trunk("simulate", scenario, "-o", folder / "a.mcap")
     assert (code, err) == (0, "")
-    code, out, err = trunk(
+    code, _, err = trunk(
         "sweep", inputs / "study.yaml", "-o", folder / "a.parquet", "--jobs", "1"
     )
     assert code == 2
