@@ -157,8 +157,6 @@ def test_a_file_whose_name_is_no_text(trunk, inputs, tmp_path):
     scenario.write_text("simulator: {ros__parameters: {duration: 0.1}}")
     code, _, err = trunk("simulate", scenario, "-o", folder / "a.mcap")
     assert (code, err) == (0, "")
-    code, _, err = trunk(
-        "sweep", inputs / "study.yaml", "-o", folder / "a.parquet", "--jobs", "1"
-    )
+    code, _, err = trunk("sweep", inputs / "study.yaml", "-o", folder / "a.parquet", "--jobs", "1")
     assert code == 2
     assert err.endswith("parquet: this name is not UTF-8, but a library needs that: give another\n")

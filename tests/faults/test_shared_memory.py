@@ -130,7 +130,10 @@ def test_a_refused_node_leaves_no_shared_memory(arguments: Callable[..., None]) 
     assert taken_by([os.getpid()]) == before
 
 
-def test_the_users_settings_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_users_settings_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.xml"
+    mine.write_text("<profiles/>")
+
     def prepared(**given: str) -> str | None:
         for name in (middleware.TRANSPORTS, middleware.PROFILES_FILE):
             monkeypatch.delenv(name, raising=False)
@@ -140,7 +143,7 @@ def test_the_users_settings_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
         return os.environ.get(middleware.PROFILES_FILE)
 
     assert prepared() == str(middleware.PROFILES)
-    assert prepared(**{middleware.PROFILES_FILE: "mine.xml"}) == "mine.xml"
+    assert prepared(**{middleware.PROFILES_FILE: str(mine)}) == str(mine)
     assert prepared(**{middleware.TRANSPORTS: "SHM"}) is None
 
 
@@ -149,6 +152,7 @@ SETTINGS = [
     ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"),
     ("HOME", "/proc/none"),
     ("ROS_LOG_DIR", "/proc/none"),
+    ("RMW_IMPLEMENTATION", "rmw_none"),
 ]
 
 

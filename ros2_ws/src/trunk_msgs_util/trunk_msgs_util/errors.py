@@ -7,6 +7,8 @@ from traceback import walk_tb
 
 from .text import bounded
 
+from .text import shortened
+
 EXIT_FAILED = 1  # a run or a check failed
 EXIT_USAGE = 2  # an argument, a parameter, a file or a library cannot be used
 EXIT_DEFECT = 70  # a defect of ours, with a traceback: EX_SOFTWARE, as 1 and 2 are also verdicts
@@ -53,5 +55,5 @@ def unusable_setting(error: BaseException) -> str:
     if not library or isinstance(error, ImportError):
         return ""
     given = [f"{k}={v}" for k, v in sorted(os.environ.items()) if k.startswith(_SETTINGS[library])]
-    why = str(error).partition("\n")[0].rstrip(".:")
+    why = shortened(" ".join(str(error).partition("\nThe parse")[0].split()).rstrip("."), 200)
     return f"{library} cannot use {', '.join(given) or 'its settings file'}: {why}; correct or unset it"
