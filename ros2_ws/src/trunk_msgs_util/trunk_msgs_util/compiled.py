@@ -362,9 +362,9 @@ def _acquire(lock: TextIO, name: str) -> None:
 
 
 @contextmanager
-def _told(what: str) -> Iterator[None]:
+def _told(activity: str) -> Iterator[None]:
     """Say what is going on if it takes long: soon on a terminal, later in a log."""
-    timer = Timer(_SOON_S if sys.stderr.isatty() else _LATE_S, _say, [what])
+    timer = Timer(_SOON_S if sys.stderr.isatty() else _LATE_S, _say, [activity])
     timer.daemon = True
     timer.start()
     try:
@@ -373,8 +373,8 @@ def _told(what: str) -> Iterator[None]:
         timer.cancel()
 
 
-def _say(what: str) -> None:
-    print(f"trunk: {what}", file=sys.stderr, flush=True)
+def _say(activity: str) -> None:
+    print(f"trunk: {activity}", file=sys.stderr, flush=True)
 
 
 def _delete_unused(folder: Path) -> None:
