@@ -5,9 +5,7 @@ from __future__ import annotations
 import os
 from traceback import walk_tb
 
-from .text import bounded
-
-from .text import shortened
+from .text import bounded, shortened
 
 EXIT_FAILED = 1  # a run or a check failed
 EXIT_USAGE = 2  # an argument, a parameter, a file or a library cannot be used
