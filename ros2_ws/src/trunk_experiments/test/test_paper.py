@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import fields
 from math import degrees, inf, nan
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -151,6 +152,21 @@ def test_the_report_is_one_file_with_every_part(tmp_path, monkeypatch):
     assert page.count("<article") == page.count('<p class="verdict">') == len(CLAIMS)
     assert 'src="http' not in page
     assert json.loads((tmp_path / "paper.json").read_text())["errata"][0]["shown"] is True
+
+
+@pytest.mark.browser
+def test_paper_is_filled_and_no_picture_is_white_in_the_dark(new_page, tmp_path, monkeypatch):
+    svg = "<svg xmlns='http://www.w3.org/2000/svg' width='1200' height='690'/>"
+    monkeypatch.setattr(
+        paper_report, "_figure", lambda figure, folder: f"data:image/svg+xml,{quote(svg)}"
+    )
+    errata = [(erratum, True, "") for erratum in ERRATA]
+    report = paper_report.write_report(Reproduction(runs=invented(2), errata=errata), tmp_path)
+    page = new_page(color_scheme="dark")
+    page.goto(report.as_uri())
+    images = "all => all.map((one) => getComputedStyle(one).filter)"
+    assert "none" not in page.eval_on_selector_all("img", images)
+    assert page.pdf(format="A4").count(b"/Type /Page\n") <= 7  # one is the table of each profile
 
 
 @pytest.mark.browser

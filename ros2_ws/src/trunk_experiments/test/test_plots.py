@@ -142,6 +142,8 @@ def test_the_papers_layout_names_the_controllers(views, short_run):
     assert axes.get_title(loc="left").startswith("Fig. 6")
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     wanted = {"PID (gains as printed)", "PID (Ziegler–Nichols) (fell)", "Fuzzy-PID (fell)"}
+    wanted |= {"fell, in the run's colour"}
+    assert not axes.texts, "nothing stands on the curves"
     assert wanted <= set(texts)
 
 

@@ -209,6 +209,9 @@ def test_the_page_asks_for_nothing_and_fits_a_phone(new_page, page, tmp_path):
     assert view.evaluate("document.documentElement.scrollWidth") == 390
     heights = view.eval_on_selector_all("img", "all => all.map((one) => one.naturalHeight)")
     assert all(heights)
+    view.emulate_media(color_scheme="dark")
+    filters = view.eval_on_selector_all("img", "all => all.map((e) => getComputedStyle(e).filter)")
+    assert "none" not in filters, "no picture is white in the dark"
 
 
 def write(path, numbers=(0, 1, 2), iae=(0.1, 0.2, None), commit="a", study="s", **more):

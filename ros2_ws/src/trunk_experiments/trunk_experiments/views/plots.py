@@ -121,6 +121,7 @@ TURN = "#555555"
 TURN_LINE: dict[str, Any] = {"color": TURN, "linewidth": 1.0, "linestyle": (0, (5, 2, 1, 2))}
 BRANCH = "#0072B2"
 BRANCH_LINE: dict[str, Any] = {"color": BRANCH, "linewidth": 1.4, "linestyle": (0, (6, 2))}
+FALL_LINE: dict[str, Any] = {"color": "#444444", "linewidth": 1.0, "linestyle": (0, (1, 1))}
 _COLUMNS = 5  # of the legend: more are wider than the figure
 _NAMED_TURNS = 6  # more would overlap
 _LONG_PATH = 20_000  # rows
@@ -163,6 +164,8 @@ def context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2
         )
     if any(len(view.turns) > 1 for view in views):
         handles.append(Line2D([], [], label="another controller takes over", **TURN_LINE))
+    if any(view.recording.fell_at_ns is not None for view in views):
+        handles.append(Line2D([], [], label="fell, in the run's colour", **FALL_LINE))
     if any(view.run.branch for view in views):
         handles.append(Line2D([], [], label="a branch begins", **BRANCH_LINE))
     if limits and any(isfinite(bound) for view in views for bound in view.limits):
@@ -233,24 +236,11 @@ def branches(axes: Axes, views: Sequence[RunView]) -> None:
 
 
 def falls(axes: Axes, views: Sequence[RunView]) -> None:
-    """Mark where each run's trunk fell, in the run's own colour."""
+    """Mark where each run's trunk fell, in the run's own colour; the legend says so, clear of the curves."""
     for i, view in enumerate(views):
         fell_ns = view.recording.fell_at_ns
-        if fell_ns is None:
-            continue
-        style = line_style(i)
-        axes.axvline(seconds(fell_ns), color=style["color"], linewidth=1.0, linestyle=(0, (1, 1)))
-        axes.annotate(
-            "fell",
-            (seconds(fell_ns), 0.94 - 0.08 * (i % 8)),
-            xycoords=("data", "axes fraction"),
-            xytext=(3, 0),
-            textcoords="offset points",
-            fontsize=8.0,
-            color=style["color"],
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
-            zorder=6.0,
-        )
+        if fell_ns is not None:
+            axes.axvline(seconds(fell_ns), **{**FALL_LINE, "color": line_style(i)["color"]})
 
 
 class Panel(NamedTuple):
