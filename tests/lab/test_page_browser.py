@@ -125,8 +125,8 @@ def test_a_rule_table_is_one_stop_of_the_tab_key(opened):
 def test_what_is_refused_says_why_and_changes_nothing(opened, lab):
     page = opened()
     set_gain(page, 1)  # below p_min
-    page.wait_for_selector("#gains .refused:not(:empty)")
-    assert "gains.p_min must be at most gains.p_max" in page.inner_text("#alarm")
+    refused = page.wait_for_selector("#gains .refused:not(:empty)").inner_text()
+    assert "gains.p_min must be at most gains.p_max" in refused
     assert setup(page)["values"] == {}
     page.wait_for_function("(at) => document.querySelector(at).value === '60'", arg=P_MAX)
     # At its bound a knob still works.
