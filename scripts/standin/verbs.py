@@ -177,8 +177,8 @@ class Verbs:
 
     def service_list(self, args: Namespace) -> None:
         self.settled()
-        found = self.node.get_service_names_and_types()
-        shown = [(n, t) for n, t in found if args.include_hidden_services or not is_hidden(n)]
+        known = self.node.get_service_names_and_types()
+        shown = [(n, t) for n, t in known if args.include_hidden_services or not is_hidden(n)]
         if args.count_services:
             print(len(shown))
             return
@@ -362,12 +362,12 @@ def executables(package: str) -> dict[str, Path]:
     return {path.name: path for path in files if path.is_file() and os.access(path, os.X_OK)}
 
 
-def interface_class(name: str, folder: str = "msg", what: str = "message") -> Any:
+def interface_class(name: str, folder: str = "msg", kind: str = "message") -> Any:
     package, _, last = name.replace(f"/{folder}/", "/").partition("/")
     try:
         return getattr(import_module(f"{package}.{folder}"), last)
     except (AttributeError, ImportError, TypeError):
-        raise RuntimeError(f"The passed {what} type is invalid") from None
+        raise RuntimeError(f"The passed {kind} type is invalid") from None
 
 
 def interface_lines(name: str, edge: str = "") -> Iterator[str]:

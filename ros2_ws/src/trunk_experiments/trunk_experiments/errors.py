@@ -63,8 +63,8 @@ class RunError(TrunkError):
 class StoppedError(RunError):
     """A run that was told to stop, by a signal's name or another, before its end."""
 
-    def __init__(self, by: str, what: str) -> None:
-        super().__init__(f"stopped by {by}{what}")
+    def __init__(self, by: str, note: str) -> None:
+        super().__init__(f"stopped by {by}{note}")
         if by in Signals.__members__:
             self.exit_code = 128 + Signals[by]
 
