@@ -116,7 +116,7 @@ ACCEPTED: tuple[tuple[str, str], ...] = (
     ),
     (
         rf"{_ANY}: event added: (simulator (dis)?connected|\w+ refused) .*",
-        "that somebody else's node came, or that a message was refused: what acted is on record",
+        "that an external node came, or that a message was refused: what acted is on record",
     ),
     (
         rf"{_ANY}: event doubled: /(fuzzy_pid|pid|simulator) (activated|deactivated|reset|fell), .*",

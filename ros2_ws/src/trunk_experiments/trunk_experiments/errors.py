@@ -29,7 +29,7 @@ class RuleFileError(TrunkError):
 
 
 class DrawError(TrunkError):
-    """Numbers that do not make a distribution."""
+    """A distribution whose parameters are not possible."""
 
 
 class NotSignedError(TrunkError):

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from .errors import TrunkError
 
-# In ``plant/inputs``: of what somebody else's node sent, or where nothing acts.
+# In ``plant/inputs``: of what an external node sent, or where nothing acts.
 NO_SOURCE = "-"
 # In ``plant/inputs``: of a command that answers no state by its stamp, and acts from its arrival.
 ARRIVAL = "*"

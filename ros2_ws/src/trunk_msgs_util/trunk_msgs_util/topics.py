@@ -14,7 +14,7 @@ RUN_PARAMETERS = "run/parameters"
 RUN_EVENTS = "run/events"
 RECORDER_PROGRESS = "recorder/progress"
 
-# What a run with somebody else's controller goes by as long as that has no name.
+# The name of an external controller as long as it has none.
 EXTERNAL = "external"
 
 # The picture of a run, for 3-D views.

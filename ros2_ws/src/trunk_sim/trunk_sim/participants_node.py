@@ -283,7 +283,7 @@ class GraphParticipants(Participants):
         ]
 
     def look_for_strangers(self) -> None:
-        """Record which nodes of somebody else's publish commands, or no longer do, and what does not fit."""
+        """Record which external nodes publish commands, or no longer do, and what does not fit."""
         commands = self._answers[topics.EFFORT_COMMAND]
         states = self._node.resolve_topic_name(topics.JOINT_STATES)
         for why in misfits(self._node, commands.topic_name, states, topics.JOINT_STATE_TYPE):

@@ -92,7 +92,7 @@ class RunTable:
         # A true state carries the torque of the step before it; only the last step's is missing.
         effort = truth.column("effort", trunk)
         torque = np.append(effort[1:], np.nan)
-        # A node of somebody else's may say more on the topic than what the plant takes.
+        # An external node may send more on the topic than the plant accepts.
         command = (
             run.table(topics.EFFORT_COMMAND) if run.external else series.pop(topics.EFFORT_COMMAND)
         )

@@ -222,7 +222,7 @@ def learn(
 
 
 def _quiet(generation: int, least: float) -> None:
-    """Tell nobody."""
+    """Ignore progress."""
 
 
 def _check(verb: str, metric: str, generations: int, population: int | None, seed: int) -> None:

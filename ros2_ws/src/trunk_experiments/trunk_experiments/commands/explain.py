@@ -58,7 +58,7 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
 
 
 def _show_external(known: ExternalCommand) -> None:
-    """Print what is known of somebody else's command."""
+    """Print what is known of an external controller's command."""
     terms = "" if known.terms else "; its terms were not recorded"
     if known.command is None:
         click.echo(f"t = {known.asked_s:g} s: no command of {known.controller} is in force{terms}")

@@ -133,7 +133,7 @@ def command(
 
 
 def _format_of(output: Path) -> str:
-    """Return the suffix that says what is written: what is no file, such as /dev/stdout, takes CSV."""
+    """Return the suffix that says what is written; a stream such as /dev/stdout takes CSV."""
     return ".csv" if is_stream(output) else output.suffix.lower()
 
 

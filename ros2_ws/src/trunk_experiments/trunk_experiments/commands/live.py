@@ -151,7 +151,7 @@ def command(
 def _paced_by_clock(realtime: bool, lockstep: bool, external: bool) -> bool:
     """Return True for a run paced by the clock. Raises PlanError if both modes are asked for.
 
-    The default is lock-step, which is exact on a busy machine too. Somebody else's node need not answer every
+    The default is lock-step, which is exact on a busy machine too. An external node need not answer every
     state, nor stamp its commands, and lock-step would wait for it in vain.
     """
     if realtime and lockstep:

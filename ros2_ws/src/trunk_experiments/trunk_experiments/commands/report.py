@@ -102,7 +102,7 @@ class Served(ThreadingHTTPServer):
         self.address = (url or url_of(listener)).rstrip("/") + self.path
 
     def handle_error(self, *_: object) -> None:
-        """Say nothing: who asked has left."""
+        """Say nothing: the browser has closed the connection."""
 
 
 class Request(BaseHTTPRequestHandler):

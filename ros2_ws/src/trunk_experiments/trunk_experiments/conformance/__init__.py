@@ -1,4 +1,4 @@
-"""The conformance kit: of laws, and of anybody's node."""
+"""The conformance kit: for laws, and for any node."""
 
 from .law import CHECKS, LawCheck, LawFinding, conformance, findings_of
 

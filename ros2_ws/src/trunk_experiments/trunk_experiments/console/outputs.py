@@ -88,7 +88,7 @@ def check_output(
 
 
 def is_stream(path: Path) -> bool:
-    """Return True for what is no file of a disk, such as /dev/stdout."""
+    """Return True for what is not a regular file, such as /dev/stdout."""
     return path.is_relative_to("/dev") and not path.is_relative_to("/dev/shm")
 
 

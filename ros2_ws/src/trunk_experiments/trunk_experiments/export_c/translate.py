@@ -470,7 +470,7 @@ class _Function:
     def _over_range(self, node: ast.For, call: ast.Call) -> None:
         arguments = [self.expression(argument) for argument in call.args]
         if not 1 <= len(arguments) <= 3 or any(a.type != INTEGER for a in arguments):
-            raise self.refused("a range of what are no ints", "give ints", call)
+            raise self.refused("a range of what are not integers", "give ints", call)
         first = arguments[0] if len(arguments) > 1 else self.number(0)
         stop = arguments[min(len(arguments) - 1, 1)]
         step = arguments[2].known if len(arguments) == 3 else 1
@@ -1006,14 +1006,14 @@ class _Function:
                 test = f"{c} != {c}" if callee is math.isnan else f"!is_finite({c}) && {c} == {c}"
                 return Value(BOOLEAN, f"({test})")
         if callee in vars(math).values():
-            raise self.refused("the C library rounds as it likes", "use those of trunk_control.api")
+            raise self.refused("C does not specify its rounding", "use those of trunk_control.api")
         known = callee in _REMEDIES if isinstance(callee, type | type(len)) else False
         default = ("this call is not translated", "call a plain function, or a named tuple")
         raise self.refused(*(_REMEDIES[callee] if known else default))
 
     def _extreme(self, least: bool, values: list[Value]) -> Value:
         if any(value.type not in NUMBERS for value in values):
-            raise self.refused("min, max of what are no numbers", "give numbers")
+            raise self.refused("min or max of what are not numbers", "give numbers")
         if all(value.known is not None for value in values):
             return self.number((min if least else max)(int(value.known or 0) for value in values))
         t = values[0].type

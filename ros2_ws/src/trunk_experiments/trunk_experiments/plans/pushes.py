@@ -168,12 +168,12 @@ class Operated:
 class GivenInputs:
     """What a record alone tells of a run's first N states: which message acted when, who answered what.
 
-    The wall clock decided it, or somebody else's node. ``command_ns`` [N]: the state whose command is in
+    The wall clock decided it, or an external node. ``command_ns`` [N]: the state whose command is in
     force, -1: none. ``disturbance`` [N, 4]: in force; ``disturbance_ns`` [N]: its stamp, -1: none.
     ``answered``: by controller, the stamps of the states that it answered. ``disturbed``: the stamps of the
     disturbance node's messages. ``seen``: the angle [rad] in each state before which a controller became
     active, by stamp. ``command`` [N]: in force, N m; None: as the plan's controllers answer. ``references``:
-    by stamp, rad, of somebody else's node.
+    by stamp, rad, of an external node.
     """
 
     command_ns: Integers

@@ -132,7 +132,7 @@ def given_inputs(run: RecordedRun, states: int) -> GivenInputs | None:
 
 
 def _topic_references(run: RecordedRun) -> dict[int, float]:
-    """Return the references of somebody else's node, rad, by stamp."""
+    """Return the references of an external node, rad, by stamp."""
     table = run.table(topics.REFERENCE)
     values = table.column("position", run.config("simulator").joints[1])
     return dict(zip(table.stamp_ns.tolist(), values.tolist(), strict=True))
@@ -145,7 +145,7 @@ def _refused(run: RecordedRun, reason: str) -> RecordingError:
 def why_not_again(run: RecordedRun, commanded: bool = False) -> str:
     """Return why a recorded run cannot be run again with the same bits; empty if it can be.
 
-    ``commanded``: a controller of ours takes over from somebody else's.
+    ``commanded``: a controller of the project takes over from an external one.
     """
     if reason := unrepeatable(run.arithmetic):
         return reason

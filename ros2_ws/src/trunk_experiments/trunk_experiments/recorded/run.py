@@ -137,7 +137,7 @@ class RecordedRun:
 
     @cached_property
     def external(self) -> str:
-        """What a run goes by whose commands a node of somebody else's gave; empty if none did.
+        """The name of the external controller whose commands the run has; empty if it has none.
 
         That is the name that the user gave, or else the node's own.
         """
@@ -151,7 +151,7 @@ class RecordedRun:
 
     @cached_property
     def acting(self) -> Sequence[str]:
-        """The controllers by the names that a user knows: ours, and somebody else's."""
+        """The controllers by the names that a user knows, an external one included."""
         ours = [n for n in self.controllers if n in usable()] if self.external else self.controllers
         return (*ours, self.external) if self.external else tuple(ours)
 
@@ -187,7 +187,7 @@ class RecordedRun:
     def begin_ns(self) -> int:
         """The stamp in ns at which t = 0: that of the first state, and 0 for our simulator's own time.
 
-        Somebody else's states, or a run stamped anew, may have the wall clock's.
+        States of an external node, or a run stamped anew, may have the wall clock's.
         Raises RecordingError for states that cannot be read, ParameterError for parameters.
         """
         if self.another_robot:
@@ -226,9 +226,10 @@ class RecordedRun:
         return self._filled.pop(topic) if self._is_filled(topic) else self.recording.joints(topic)
 
     def is_ours(self, relative: str, frame: str) -> bool:
-        """Return False for a message of somebody else's node, which has no source.
+        """Return False for a message of an external node, which has no source.
 
-        Who copied a state's whole header has the simulator's. In simulated time nobody has one.
+        A node that copies a state's whole header sends the simulator's source. In simulated time no message
+        has one.
         """
         if not self.real_time:
             return not (self.external and relative == topics.EFFORT_COMMAND)

@@ -76,7 +76,7 @@ def idle_ns(run: RecordedRun) -> Integers:
 def recorded_turns(run: RecordedRun) -> tuple[Turn, ...]:
     """Return the turns in order: one for a single controller, none without a controller.
 
-    Somebody else's controller acts from the start until one of ours updates.
+    An external controller acts from the start until one of the project's updates.
     """
     names = run.judgeable if run.external else run.controllers
     states = run.series({topics.controller_state(name): () for name in names})

@@ -271,7 +271,7 @@ def _new_controller(plan: RunPlan, name: str, acting: Sequence[str]) -> Controll
 
 
 def _stand_in(plan: RunPlan) -> ReferenceConfig:
-    """Return the run's settings for a controller of ours that takes over from somebody else's."""
+    """Return the run's settings for a controller of the project that takes over from an external one."""
     given = plan.reference or ReferenceConfig(joint=plan.simulator.joints[1])
     rate, lockstep = plan.simulator.update_rate, plan.simulator.lockstep
     return replace(given, update_rate=rate, lockstep=lockstep)

@@ -314,7 +314,7 @@ _EXTERNAL_TERMS = As(Mapping[str, float | None], _known)
 
 @dataclass(frozen=True)
 class ExternalCommand(RecordingResult, document="explain-external-1"):
-    """The document of ``trunk explain``, of somebody else's controller: a command, and what it answers.
+    """The document of ``trunk explain`` for an external controller: a command, and what it answers.
 
     SI units and radians; NaN: not on record.
     """
@@ -363,7 +363,7 @@ def external_command(run: RecordedRun, at: float) -> ExternalCommand:
 
 
 def _terms(run: RecordedRun, stamp_ns: int) -> dict[str, float]:
-    """Return the terms that somebody else's node has published for a state."""
+    """Return the terms that an external node has published for a state."""
     for name in run.controllers:
         table = run.table(topics.controller_state(name))
         if name not in run.parameters and stamp_ns in table:

@@ -302,7 +302,7 @@ def _usable(labels: Sequence[str]) -> bool:
 
 
 def _rounded(number: float, whole: float) -> float:
-    """Return a share that is short: of what is sampled, more digits would say nothing."""
+    """Return a rounded share: sampled values do not justify more digits."""
     return round(number / whole, 9) + 0.0  # not -0.0
 
 

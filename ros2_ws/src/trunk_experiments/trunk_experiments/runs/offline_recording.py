@@ -151,7 +151,7 @@ class StateMessages:
         )
 
     def _of_others(self, given: GivenInputs, here: Integers) -> Iterator[Rows]:
-        """Yield somebody else's commands, each with the first state in which it acts, and references."""
+        """Yield an external node's commands, each with the first state in which it acts, and references."""
         assert given.command is not None  # for the type
         joint = (self._plan.simulator.joints[1],)
         at = given.command_ns[here]

@@ -107,7 +107,7 @@ def learn(
     start = DrawnRuns(label, outcome(draws, label, {}, metric))
     if np.isnan(start.mean):
         raise StudyError(
-            f"{study.source}: {label} falls in each of its {study.runs} draws: begin elsewhere"
+            f"{study.source}: {label} falls in each of its {study.runs} draws: start from other parameters"
         )
     fall = FALL * start.mean
     with crew(draws, label, metric, jobs) as evaluate:

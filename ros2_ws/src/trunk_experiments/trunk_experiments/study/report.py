@@ -1,7 +1,7 @@
 """A study as one HTML page: falls, distributions, the map, paired differences, the worst runs.
 
 The page is text, tables and pictures in the look of the report on runs, whose style it takes. It runs no
-script and asks for nothing from anywhere, so that its content security policy allows neither.
+script and loads nothing, and its content security policy allows neither.
 """
 
 from __future__ import annotations

@@ -24,7 +24,8 @@ class AdaptiveSubscription:
     """The loop's subscription to serialized JointState messages, from publishers of either reliability.
 
     DDS matches a reliable subscription with reliable publishers alone, and a best-effort one with all; but
-    only a reliable one has lost messages sent again. So it asks for less once somebody offers no more.
+    only a reliable one has lost messages sent again. So it asks for best effort
+    once a publisher offers only that.
 
     Users may set depth, history and reliability themselves, by ROS's own parameters
     ``qos_overrides.TOPIC.subscription.…``.

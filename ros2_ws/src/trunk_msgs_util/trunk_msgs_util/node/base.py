@@ -31,8 +31,8 @@ from .ros_parameters import NodeParameters
 
 Config = TypeVar("Config", bound=ManagedConfig)
 
-# Of two on different machines without a run, one that is configured for so long is not the newcomer;
-# multiplied by TRUNK_PATIENCE.
+# Of two namesakes on different machines, neither in a run, one that has been configured for this long is not
+# the newcomer; multiplied by TRUNK_PATIENCE.
 _SETTLED_S = 3.0
 # A node that the graph shows under one's own name says within this time who it is; one that was killed says
 # nothing. Multiplied by TRUNK_PATIENCE.

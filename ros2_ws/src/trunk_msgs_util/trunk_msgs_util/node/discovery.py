@@ -1,4 +1,4 @@
-"""Which nodes are matched in both directions, and what a node that waits for others says.
+"""Which nodes are matched in both directions, and what a waiting node says.
 
 DDS discovers each direction separately, and a volatile subscription misses whatever is published before its
 publisher has discovered it. So a node that answers states reports that it is ready once the publisher of the

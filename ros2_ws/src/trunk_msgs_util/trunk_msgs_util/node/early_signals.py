@@ -58,8 +58,8 @@ def end_by(end: Callable[[int], None]) -> None:
 def node(module: str, *arguments: str, undone: str = "") -> Callable[[], None]:
     """Return the executable of a node: a signal before ``module.main`` handles them ends it with code 0.
 
-    A running node that is told to end has the same code: it did as it was told. ``undone``: the line that
-    one says which fails, as it has not even begun.
+    A running node that is told to end has the same code. ``undone``: what a node prints, and then
+    fails, if it is stopped before it has begun.
     """
 
     def end(number: int) -> None:  # nothing has started, so there is nothing to clean up

@@ -35,7 +35,7 @@ def prepare(shared_memory: Path = _SHARED_MEMORY) -> None:
     Processes started one after the other then discover each other sooner, heartbeats are more frequent (the
     next one repairs what was sent to a half-discovered reader, and a node that ends waits for one), and
     messages go by UDP within a host too: shared memory can make a node deaf (fastdds.xml).
-    A discovery server is asked for all that it knows: the recorder follows nodes of anybody's, on topics on
+    A discovery server is asked for all that it knows: the recorder follows any node, on topics on
     which it has no endpoint itself. No node needs this to meet the others of its run.
 
     Raises MiddlewareError if loading ROS 2 would kill the process, or nothing would arrive, and SettingError

@@ -77,7 +77,7 @@ Kind: TypeAlias = tuple[ReliabilityPolicy, DurabilityPolicy]
 
 # Twice what a publisher of evidence keeps: one that is matched late delivers all of it at once.
 _REMEMBERED = 2 * qos.EVIDENCE_DEPTH
-# A publisher whose node is still unknown after this many looks counts as somebody else's.
+# A publisher whose node is still unknown after this many looks counts as external.
 _UNNAMED_LOOKS = 20
 
 _SUFFIX = ".mcap"

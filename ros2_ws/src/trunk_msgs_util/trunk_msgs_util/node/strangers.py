@@ -1,4 +1,4 @@
-"""Nodes of somebody else's: who they are, by discovery, and what a topic's silence may be due to."""
+"""External nodes: who they are, by discovery, and why a topic may be silent."""
 
 from __future__ import annotations
 

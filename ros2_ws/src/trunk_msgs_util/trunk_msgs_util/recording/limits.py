@@ -19,8 +19,8 @@ MAX_BAG_METADATA = 1 << 20  # characters of a bag's metadata.yaml
 _FREE_VALUES, _TIMES_VALUES = 1 << 21, 16
 # All chunks of a file may unpack to this many bytes, and this many times its size.
 _FREE_BYTES, _TIMES_SIZE = 256 << 20, 256
-# A file may have this many records, and one more for each so many of its bytes. With an index, each
-# message takes more.
+# A file may have this many records, and one more for every `_BYTES_A_RECORD` of its bytes. With an index,
+# each message takes more.
 _FREE_RECORDS, _BYTES_A_RECORD = 1 << 18, 8
 
 

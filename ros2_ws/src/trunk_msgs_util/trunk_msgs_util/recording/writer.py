@@ -154,7 +154,7 @@ class ChunkedWriter:
             self._finish_chunk()
 
     def add_rows(self, rows: Sequence[Rows]) -> None:
-        """Add messages of several channels by their place, as so many calls of `add_message` would."""
+        """Add messages of several channels in the order of their place, as calls of `add_message` would."""
         rows = [part for part in rows if len(part.place)]
         if not rows:
             return

@@ -96,7 +96,7 @@ def command(
     wait: float,
     as_json: bool,
 ) -> None:
-    """Play states at a running node of anybody's, over the real graph, and judge what it answers.
+    """Play states at any running node, over the real graph, and judge what it answers.
 
     No simulator may run beside it. Exit code 1 if anything is found.
     """

@@ -96,7 +96,7 @@
       const best = judged ? bestOf(measured.map(({ values }, i) => (sound[i] && values[key] !== Infinity ? values[key] : null))) : [];
       add(`${label}, ${unit}`, measured.map(({ values }, i) => {
         const value = values[key];
-        if (value === undefined || diverged[i]) return "–"; // numbers of a part say nothing of the whole
+        if (value === undefined || diverged[i]) return "–"; // metrics of a partial run are not comparable
         if (value === null) return "not defined";
         return value === Infinity ? "never" : showNumber(value, 6);
       }), [], best);
