@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from importlib import import_module
 
@@ -37,6 +39,13 @@ def test_no_signal_raises_inside_the_compiler(monkeypatch, inside, verb, expecte
     exec("def compile_it(): unwind(2)", code)
     with pytest.raises(expected):
         code["compile_it"]()
+
+
+def test_the_end_gives_a_terminal_its_cursor_back():
+    master, slave = os.openpty()
+    words = "from trunk_experiments.executables import _end; _end(2)"
+    done = subprocess.run([sys.executable, "-c", words], stderr=slave, check=False)
+    assert (done.returncode, os.read(master, 99)) == (130, b"\x1b[?25hinterrupted\r\n")
 
 
 @pytest.mark.parametrize("verb", ["verify", "run"])

@@ -60,7 +60,8 @@ def _is_in(*modules: str) -> bool:
 def _end(number: int) -> None:
     discard_parts()
     if not _SAID:
-        os.write(2, b"interrupted\n")
+        cursor = b"\x1b[?25h" if os.isatty(2) else b""  # a progress bar may have hidden it
+        os.write(2, cursor + b"interrupted\n")
     os._exit(128 + number)
 
 
