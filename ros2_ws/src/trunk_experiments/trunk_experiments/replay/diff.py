@@ -226,7 +226,7 @@ def compare_topic(
         lone = run.stamp_ns[~np.isin(keys, others)]
         if len(lone):
             steps.update(lone.tolist())
-            firsts.append(FirstDifference(int(lone.min()), relative, "message", *values))
+            firsts.append(FirstDifference(int(lone.min()), relative, "message", *has))
     _, rows_a, rows_b = np.intersect1d(keys_a, keys_b, return_indices=True)
     stamps = a.stamp_ns[rows_a]
     if not len(stamps):
@@ -241,8 +241,8 @@ def compare_topic(
         x, y = a.values(quantity)[rows_a], b.values(quantity)[rows_b]
         both, widest = sorted((x.shape[1], y.shape[1]))
         for name in a.names[both:widest][:1]:
-            values = (1.0, None) if x.shape[1] > both else (None, 1.0)
-            firsts.append(FirstDifference(int(stamps[0]), relative, f"{quantity}[{name}]", *values))
+            has = (1.0, None) if x.shape[1] > both else (None, 1.0)
+            firsts.append(FirstDifference(int(stamps[0]), relative, f"{quantity}[{name}]", *has))
             steps.update(stamps.tolist())
         for i, name in enumerate(a.names[:both]):
             columns.append(ComparedColumn(relative, f"{quantity}[{name}]", x[:, i], y[:, i]))
