@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
 from click.testing import CliRunner
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, content, copied, write
 
 from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
@@ -51,6 +54,27 @@ def test_a_count_of_thousands_of_digits_is_none(honest, tmp_path, end):
     provenance = {"mode": "lockstep"}
     verdict = verify(copied(honest, tmp_path / "a.mcap", edit, ANEW, end, provenance))
     assert verdict.exit_code in (UNJUDGED, DIVERGES)
+
+
+def test_a_controller_of_which_there_is_nothing_else_is_only_an_obstacle(honest, tmp_path):
+    """Nor does a node of somebody else's that connected make an offline run its own."""
+    found = content(honest)
+    state = replace(found.channels["/pid/state"], topic="/assistant/state")
+    found.channels["/assistant/state"] = state
+    found.messages += [["/assistant/state", *message[1:]] for message in found.of("/pid/state")]
+    said = event(-1, "/simulator", Event.CONNECTED, {"node": "/assistant", "middleware": "x"})
+    found.messages.insert(0, ["/run/events", 0, said, 0, 0])
+    verdict = verify(write(found, tmp_path / "a.mcap", ANEW))
+    assert (verdict.exit_code, verdict.contradictions) == (UNJUDGED, [])
+    assert "no parameters of assistant are recorded, or none of ours" in verdict.obstacles
+
+
+@pytest.mark.parametrize("at", ["1e308", "-1", "nan", "x"])
+def test_a_branch_at_no_time_is_none(tmp_path, at):
+    branch = {"branch_of": "ab" * 32, "branch_parent": "a", "branch_at": at, "branch_changes": "-"}
+    real_time = Path(__file__).parents[1] / "archive" / "d192e8e1_rt.mcap"
+    verdict = verify(copied(real_time, tmp_path / "a.mcap", digests=ANEW, provenance=branch))
+    assert not any("branch" in note for note in verdict.notes)
 
 
 def test_the_command_does_not_call_judged_what_it_cannot_judge(honest, tmp_path):

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -20,6 +19,7 @@ from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 from trunk_msgs_util.source import source_in
 from trunk_msgs_util.topics import EXTERNAL
+from trunk_msgs_util.units import LAST_STAMP_NS, seconds
 
 if TYPE_CHECKING:
     from ..plans.plan import RunPlan
@@ -60,7 +60,7 @@ def branch_of(provenance: Mapping[str, str]) -> BranchOf | None:
         branch = BranchOf(provenance[PARENT], provenance[OF], at, provenance[CHANGES])
     except (KeyError, ValueError):
         return None
-    return branch if isfinite(at) else None
+    return branch if 0.0 <= at <= seconds(LAST_STAMP_NS) else None
 
 
 _ANOTHER_CLOCK = 3_600_000_000_000  # ns: no recorder misses the states of a whole hour and is used
@@ -312,11 +312,15 @@ class RecordedRun:
     def config(self, node: str) -> Any:
         """Return a node's configuration at the start.
 
-        Raises KeyError if it was not recorded, ParameterError if it cannot be used.
+        Raises RecordingError if none of ours is recorded, ParameterError if it cannot be used.
         """
         if node not in self._configs:
             from ..plans.nodes import NODES
 
+            if node not in self.parameters or node not in NODES:
+                raise RecordingError(
+                    f"{self.path}: no parameters of {node} are recorded, or none of ours"
+                )
             self._configs[node] = build(NODES[node].config, self.parameters[node])
         return self._configs[node]
 

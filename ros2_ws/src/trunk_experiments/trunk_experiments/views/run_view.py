@@ -67,10 +67,10 @@ class RunView:
         warnings = run.recording.further_warnings
 
         def config(node: str) -> object:
+            if node not in run.parameters:
+                return None
             try:
                 return run.config(node)
-            except KeyError:
-                return None
             except ParameterError as error:
                 warnings.append(f"{node}: recorded parameters cannot be used: {error}")
                 return None
