@@ -7,6 +7,7 @@ import os
 import random
 import subprocess
 import sys
+from contextlib import suppress
 
 import pytest
 from mcap.writer import Writer
@@ -145,6 +146,11 @@ def test_flipped_bits(whole, trunk, tmp_path):
         path.write_bytes(altered)
         complete, _ = judge(trunk, path, whole)
         assert not complete or at >= data_end  # only indexes follow
+        if 8 <= at < len(data) - 8:  # its recorder closed it, by its last bytes
+            with suppress(RecordingError):
+                flipped = Recording.open(path)
+                why = [flipped.unfinished, *flipped.warnings, *flipped.seen_otherwise]
+                assert not [line for line in why if "shut down" in line or "None" in line]
 
 
 def test_files_that_are_not_recordings(trunk, tmp_path):

@@ -349,8 +349,8 @@ def _completeness(run: RecordedRun) -> tuple[bool, str | None, float | None, flo
 
 def _unfinished(recording: Recording) -> str:
     """Return why a file that gives no reason is not whole; another program may have recorded it."""
-    stranger = recording.unfinished.startswith("recorded by")
-    return recording.unfinished if stranger else "the recorder did not finish this file"
+    ours = recording.unfinished.endswith("the recorder did not shut down properly")
+    return "the recorder did not finish this file" if ours else recording.unfinished
 
 
 def late_steps(run: RecordedRun, since_ns: int = 0) -> Late | None:

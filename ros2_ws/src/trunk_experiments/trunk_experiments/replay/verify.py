@@ -59,7 +59,8 @@ def verdict_on(run: RecordedRun) -> Verdict:
     run.read_whole()
     verdict = Verdict()
     silent = silence(run).removeprefix("SILENT: ")
-    verdict.obstacles += filter(None, [silent, recording.unfinished, *recording.further_warnings])
+    said = [silent, recording.unfinished, *recording.further_warnings]
+    verdict.obstacles += dict.fromkeys(filter(None, said))
     verdict.obstacles += [*recording.seen_otherwise, *_ambiguous(recording)]
     verdict.altered = recording.alterations()
     verdict.notes += [run.branch.describe()] if run.branch else []

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from io import BytesIO
+from io import SEEK_END, BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
@@ -320,6 +320,7 @@ class McapFile:
         self.warning: str | None = None
         self.sound = True  # nothing in it was altered
         self.whole = False  # it was read to its end
+        self.closed = False  # it is damaged, but ends as a file that was written to its end
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
         self.blocks: list[Block] = []
@@ -369,6 +370,8 @@ class McapFile:
                 if isinstance(error, TrailingError):
                     self.size = self.end + len(MAGIC)
                 self.findings.append(Finding(ERROR, str(error), byte=self.end))
+                file.seek(-len(MAGIC), SEEK_END)
+                self.closed = file.read() == MAGIC
             else:
                 self.whole = True
         if self.whole and self._statistics is not None:

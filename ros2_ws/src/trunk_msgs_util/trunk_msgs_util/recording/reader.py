@@ -43,7 +43,8 @@ class Bag:
     """The file, or a bag's files, of a recording: topics, metadata, and blocks of messages as bytes.
 
     ``warnings`` lists what is missing or damaged, and from which byte on; ``unfinished`` is the one that
-    says why no end record marks the run as complete. Nothing after the first damaged byte counts.
+    says why no end record marks the run as complete, which may be damage. Nothing after the first damaged
+    byte counts.
     """
 
     def __init__(self, path: str | Path, whole: bool = False) -> None:
@@ -57,6 +58,7 @@ class Bag:
         self.end: dict[str, str] | None = None
         self.warnings: list[str] = []
         self.unfinished = ""
+        self._damage = ""  # of a file whose end is there; among the warnings
         self.checked = True  # every record was read and is sound
         self._sound = True
         self._files: list[McapFile] = []
@@ -90,6 +92,7 @@ class Bag:
             self.end = file.metadata.get(END, self.end)
             if file.warning:
                 self.warnings.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
+                self._damage = self.warnings[-1] if file.closed else ""
             if not file.whole:
                 if path != files[-1]:
                     left = len(files) - i - 1
@@ -105,13 +108,16 @@ class Bag:
             self._sound = False
             self.warnings.append(f"{METADATA} counts {counted} messages, its files hold {count}")
         library = self._files[0].library
-        if self.end is not None:
-            if self.end.get("complete") != "true":
-                self.unfinished = f"incomplete: {self.end.get('reason', 'no reason given')}"
-            elif not self._read_to_their_ends:
-                self.unfinished = "incomplete: marked as complete, but not all of it can be read"
-            else:
-                return
+        marked = self.end is not None and self.end.get("complete") == "true"
+        if marked and self._read_to_their_ends:
+            return
+        if self.end is not None and not marked:
+            self.unfinished = f"incomplete: {self.end.get('reason', 'no reason given')}"
+        elif self._damage:
+            self.unfinished = self._damage
+            return
+        elif marked:
+            self.unfinished = "incomplete: marked as complete, but not all of it can be read"
         elif library.startswith(OURS) or not (library or self._files[0].whole):
             self.unfinished = f"no {END} record: the recorder did not shut down properly"
         elif is_bag and counted is None:
@@ -125,8 +131,11 @@ class Bag:
 
     @property
     def further_warnings(self) -> list[str]:
-        """The warnings other than ``unfinished``, for callers that have already reported that one."""
-        return [warning for warning in self.warnings if warning != self.unfinished]
+        """The warnings other than ``unfinished``, for callers that have already reported that one.
+
+        Damage is always among them.
+        """
+        return [w for w in self.warnings if w != self.unfinished or w == self._damage]
 
     @property
     def files(self) -> list[Path]:
