@@ -21,6 +21,7 @@ from trunk_experiments.runs import engine
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import declarations
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import (
     event,
@@ -28,6 +29,7 @@ from trunk_msgs_util.recording.schemas import (
     parse_event,
     parse_parameter_event,
 )
+from trunk_msgs_util.samples import JointSample
 
 from .. import real_time
 from ..real_time import (
@@ -264,6 +266,17 @@ def test_a_strangers_pushes_accuse_nobody(in_time, tmp_path):
     pushes = [["/operator/push", *message[1:]] for message in recorded.of(COMMAND)[:5]]
     recorded.messages += [[*m[:2], in_frame(m[2], ""), *m[3:]] for m in pushes]
     assert verify(write(recorded, tmp_path / "a.mcap", ANEW)).exit_code == VERIFIED
+
+
+@pytest.mark.parametrize("topic", [COMMAND, DISTURBANCE, STATE])
+def test_what_a_stranger_sent_and_nobody_used_does_not_matter(in_time, topic, tmp_path):
+    def edit(messages):
+        log_ns = of(messages, topic)[50][1]
+        sample = JointSample(250_000_000, ("left", "right"), effort=(1.0, 2.0))
+        messages.append([topic, log_ns, layout_of(sample).pack(sample), log_ns, 0])
+
+    verdict = verify(copied(in_time, tmp_path / "a.mcap", edit, ANEW))
+    assert verdict.exit_code == VERIFIED, verdict.reasons
 
 
 @pytest.mark.parametrize(("states", "code"), [(0, DIVERGES), (1, UNJUDGED)])

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
-from trunk_msgs_util.recording.joint_table import Column, JointTable
+from trunk_msgs_util.recording.joint_table import QUANTITIES, Column, JointTable
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 from trunk_msgs_util.source import source_in
@@ -156,10 +156,17 @@ class RecordedRun:
         return (*ours, self.external) if self.external else tuple(ours)
 
     @cached_property
-    def _plants_joint(self) -> str | None:
-        """The joint whose efforts a plant of ours takes; None if there is none."""
+    def _taken(self) -> Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]:
+        """The joints and quantities that a plant of ours gives or takes by topic; none without one."""
         joints = self.parameters.get("simulator", {}).get("joints")
-        return str(joints[1]) if isinstance(joints, tuple) and len(joints) == 2 else None
+        if not isinstance(joints, tuple) or len(joints) != 2:
+            return {}
+        hip, trunk = map(str, joints)
+        return {
+            topics.JOINT_STATES: ((hip, trunk), QUANTITIES),
+            topics.DISTURBANCE: ((hip, trunk), ("position", "effort")),
+            topics.EFFORT_COMMAND: ((trunk,), ("effort",)),
+        }
 
     @cached_property
     def another_robot(self) -> bool:
@@ -243,8 +250,11 @@ class RecordedRun:
         """Return the messages that nodes of ours took, by the sources that they have."""
         if table.topic == topics.JOINT_STATES:
             table = table.finite(self._needed)
-        if table.topic == topics.EFFORT_COMMAND and self.external and self._plants_joint:
-            table = table.efforts_on(self._plants_joint)
+        names, quantities = self._taken.get(table.topic, ((), ()))
+        # What a stranger sent with other joints alone was refused: nobody used it.
+        theirs = self.external and table.topic == topics.EFFORT_COMMAND
+        if names and (theirs or (self.real_time and table.names not in (names, ()))):
+            table = table.only(names, quantities)
         if self.real_time and table.topic in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
             table.frames = tuple(
                 frame if self.is_ours(table.topic, frame) else "" for frame in table.frames

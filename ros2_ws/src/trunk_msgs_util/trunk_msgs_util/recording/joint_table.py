@@ -224,14 +224,21 @@ class JointTable:
             there &= np.isfinite(self.column(*column))
         return self.rows(np.flatnonzero(there)) if columns else self
 
-    def efforts_on(self, joint: str) -> JointTable:
-        """Return a joint's efforts alone, from the messages that have a finite one.
+    def only(self, names: Sequence[str], quantities: Collection[str]) -> JointTable:
+        """Return quantities of some joints alone, from the messages that have finite ones of all of them.
 
-        These are the commands that a plant takes, whatever else messages carry.
+        These are what a plant takes, whatever else messages carry.
         """
-        there = self.finite([("effort", joint)])
-        effort, none = there.column("effort", joint)[:, None], np.zeros((len(there), 0))
-        return replace(there, names=(joint,), position=none, velocity=none, effort=effort)
+        there = self.finite([(quantity, name) for quantity in quantities for name in names])
+        position, velocity, effort = (
+            np.column_stack([there.column(quantity, name) for name in names])
+            if quantity in quantities
+            else np.zeros((len(there), 0))
+            for quantity in QUANTITIES
+        )
+        return replace(
+            there, names=tuple(names), position=position, velocity=velocity, effort=effort
+        )
 
     @cached_property
     def _ascends(self) -> bool:
