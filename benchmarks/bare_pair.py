@@ -14,6 +14,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import early_signals
 from trunk_msgs_util.node.conversions import sample_to_ros
@@ -21,7 +22,7 @@ from trunk_msgs_util.samples import JointSample
 
 _JOINTS = JointSample(0, ("hip", "trunk"), (0.1, 0.2), (0.3, 0.4), (0.5, 0.6))
 _COMMAND = JointSample(0, ("trunk",), effort=(0.7,))
-_TERMS = JointSample(0, topics.STATE_NAMES, position=tuple(map(float, range(13))))
+_TERMS = JointSample(0, law_named("pid").record_names, position=tuple(map(float, range(13))))
 
 
 def ping(trips: int) -> None:

@@ -73,7 +73,7 @@ def test_a_controller_that_was_cleaned_up_has_seen_nothing(word, pending):
         controller.update(k * H, 0.5, 0.0)
     timeline.advance(3 * H, controller)
     assert controller.active
-    assert controller.transfer_pending == pending
+    assert controller.state.transfer.pending == pending
 
 
 @pytest.mark.parametrize("late", [0, 2])

@@ -13,6 +13,7 @@ from ros2_ws.src.trunk_msgs_util.test.mcap_files import write_mcap
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from trunk_control.laws import law_named
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_msgs_util import topics
@@ -47,6 +48,9 @@ def streams(draw):
             sample = layout(k * 1_000_000, value)
             found.append((topic, k * 1_000_000, layout_of(sample).pack(sample) + tail))
     return found
+
+
+TERMS = law_named("pid").record_names
 
 
 def by_rosbags(messages, topic):
@@ -137,7 +141,7 @@ def run_messages(steps):
     for k in range(steps + 1):
         t = k * 1_000_000
         truth = JointSample(t, ("hip", "trunk"), (k, k + 0.25), (-k, -k - 0.5), (0.0, 1.0 * k))
-        state = JointSample(t, topics.STATE_NAMES, position=(0.5,) * len(topics.STATE_NAMES))
+        state = JointSample(t, TERMS, position=(0.5,) * len(TERMS))
         command = JointSample(t, ("trunk",), effort=(k + 1.0,))
         for topic, sample in zip(TOPICS, (truth, truth, command, state), strict=True):
             yield topic, 10**18 + t + 7, layout_of(sample).pack(sample)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
+from trunk_control.laws import law_named
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import COLUMNS, RunTable
 from trunk_experiments.commands.export import write_csv
@@ -41,7 +42,7 @@ def test_columns_are_matched_by_stamp(run_file):
     # The true states carry the torque of the previous step; the last is the last command.
     assert table.torque.tolist() == [0, 1, 2, 3, 4, 5, 6]
     for name in ("reference", "kp", "ki", "kd", "alpha"):
-        i = topics.STATE_NAMES.index(name)
+        i = law_named("pid").record_names.index(name)
         updates = [run_file.state_values(j - j % 2)[i] for j in range(7)]  # held in between
         assert getattr(table, name).tolist() == updates
 

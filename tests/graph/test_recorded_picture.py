@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import stamp_of
 
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.schemas import deserialize, stamp_of
+from trunk_msgs_util.recording.schemas import deserialize
 
 from .processes import Children
 from .recordings import finished_file

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from mcap.records import Schema
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import NONE, Content, content, write_file
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import NONE, Content, content, stamp_of, write_file
 from rosbags.typesys import Stores, get_typestore
 
 from trunk_msgs_util.recording import schemas
@@ -64,7 +64,7 @@ def joints(topics: Sequence[str], alter: edits.Alter, pick: edits.Pick = every) 
 
 def stamped(topics: Sequence[str], ns: Callable[[int], int], pick: edits.Pick = every) -> Change:
     def stamp(time: Any) -> Any:
-        sec, nanosec = divmod(ns(schemas.stamp_of(time)), 10**9)
+        sec, nanosec = divmod(ns(stamp_of(time)), 10**9)
         return schemas.build(time.__msgtype__, sec=sec, nanosec=nanosec)
 
     return joints(topics, at("header.stamp", stamp), pick)

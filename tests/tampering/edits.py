@@ -11,14 +11,14 @@ from math import inf, nan, nextafter
 from typing import Any, NamedTuple
 
 import numpy as np
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import Content
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import Content, stamp_of
 from ros2_ws.src.trunk_msgs_util.test.test_events import CARRIES
 
 from trunk_experiments.plans.nodes import NODES
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Declaration, declarations
 from trunk_msgs_util.recording import schemas
-from trunk_msgs_util.recording.schemas import parse_event, parse_parameter_event, stamp_of
+from trunk_msgs_util.recording.schemas import parse_event, parse_parameter_event
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 from trunk_msgs_util.topics import DIAGNOSTIC_ARRAY_TYPE, JOINT_STATE_TYPE, PARAMETER_EVENT_TYPE
 from trunk_msgs_util.units import NANOSECONDS

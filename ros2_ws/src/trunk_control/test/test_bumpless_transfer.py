@@ -143,7 +143,7 @@ def test_activating_an_active_controller_changes_nothing():
     first = controller.update(0, 0.1, 0.0)
     controller.activate()
     state = controller.memory
-    assert not controller.transfer_pending
+    assert not controller.state.transfer.pending
     assert state.effort == first.effort
 
 

@@ -61,7 +61,7 @@ def test_a_takeover_after_a_gap_starts_afresh():
     controller.deactivate()
     controller.see(0, 0.1)
     controller.activate()
-    assert controller.transfer_pending
+    assert controller.state.transfer.pending
     later = 101 * PERIOD_NS
     _, (first,) = driven(config, [later])
     assert controller.update(later, 0.1, 0.0) == first._replace(restarted=True)

@@ -118,11 +118,6 @@ class Controller:
         return self.state.pace.active
 
     @property
-    def transfer_pending(self) -> bool:
-        """True from an activation while the plant moves until the first update after it."""
-        return self.state.transfer.pending
-
-    @property
     def memory(self) -> LawMemory:
         """The law's own memory."""
         return self.state.memory

@@ -51,7 +51,7 @@ def reference_at(t_ns: int, p: ReferenceProfile) -> float:
         interpolated   values[0] before times[0], linear between the points, then the last value
         topic          value, until a message arrives
 
-    ``interpolated`` needs at least one point; `time_table.interpolated` has its formula.
+    ``interpolated`` needs at least one point; `units.interpolated` has its formula.
     """
     if p.kind == CONSTANT or p.kind == TOPIC:
         return p.value

@@ -5,6 +5,7 @@ import struct
 
 import pytest
 
+from trunk_control.laws import law_named
 from trunk_experiments.commands.info import exit_code
 from trunk_experiments.replay.doctor import ERROR, INFO, WARNING, examine
 from trunk_experiments.replay.verify import verify
@@ -22,6 +23,8 @@ from ...trunk_msgs_util.test.mcap_files import ANEW, content, copied, each, reco
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 MS = 1_000_000
+
+TERMS = law_named("pid").record_names
 
 
 def write_run(path, stamps=range(20), value=float, end=True, provenance=True, parameters=True):
@@ -45,7 +48,7 @@ def write_run(path, stamps=range(20), value=float, end=True, provenance=True, pa
         writer.write(channels[topics.JOINT_STATES], i, i, layout_of(seen).pack(seen))
         command = JointSample(i * MS, ("trunk",), effort=(0.0,))
         writer.write(channels[topics.EFFORT_COMMAND], i, i, layout_of(command).pack(command))
-        state = JointSample(i * MS, topics.STATE_NAMES, (1.0,) * len(topics.STATE_NAMES))
+        state = JointSample(i * MS, TERMS, (1.0,) * len(TERMS))
         writer.write(channels["pid/state"], i, i, layout_of(state).pack(state))
         if i % 5 == 4:
             writer.flush()

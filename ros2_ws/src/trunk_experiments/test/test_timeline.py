@@ -37,7 +37,7 @@ def test_the_last_of_several_turns_between_two_states_holds():
     controller = Controller(timeline.config)
     timeline.advance(6, controller)
     assert controller.active
-    assert not controller.transfer_pending  # the reset came after
+    assert not controller.state.transfer.pending  # the reset came after
 
 
 def test_a_change_before_the_first_state_acts_on_it(tmp_path):

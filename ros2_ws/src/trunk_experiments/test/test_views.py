@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
+from trunk_control.laws import law_named
 from trunk_experiments.views.markers import MarkersConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.picture.shapes import Geometry, Scene, shapes
@@ -28,7 +29,7 @@ def known_topics():
 def names_in(topic):
     """Return the names that a JointState topic carries."""
     if topic.endswith("/state"):
-        return topics.STATE_NAMES
+        return law_named("pid").record_names
     return ("trunk",) if topic == "/effort_command" else ("hip", "trunk")
 
 

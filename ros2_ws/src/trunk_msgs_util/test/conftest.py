@@ -12,9 +12,14 @@ from trunk_msgs_util.samples import JointSample
 
 PERIOD_NS = 1_000_000
 
+STATE_NAMES = (  # of a record of PID's terms
+    *("reference", "measurement", "error", "error_rate", "p_term", "i_term", "d_term"),
+    *("kp", "ki", "kd", "alpha", "unsaturated", "effort"),
+)
+
 
 def state_values(k: int) -> tuple[float, ...]:
-    return tuple(100.0 * i + k for i in range(len(topics.STATE_NAMES)))
+    return tuple(100.0 * i + k for i in range(len(STATE_NAMES)))
 
 
 class RunFile:
@@ -62,7 +67,7 @@ class RunFile:
                 joint(topics.JOINT_STATES, truth._replace(position=(k, k + 0.125)))
                 joint(topics.EFFORT_COMMAND, JointSample(t, joints[1:], effort=(float(k),)))
                 if k % 2 == 0:
-                    sample = JointSample(t, topics.STATE_NAMES, position=state_values(k))
+                    sample = JointSample(t, STATE_NAMES, position=state_values(k))
                     joint(topics.controller_state("pid"), sample)
                 if flush_every and k % flush_every == 0:
                     writer.flush()

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import lz4.frame
 import zstandard
@@ -25,6 +26,7 @@ from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.rosbag2 import RECORD, BagSummary, TopicCount, summary_record
 from trunk_msgs_util.recording.summary import Summary, read_summary
 from trunk_msgs_util.recording.writer import END, PROVENANCE
+from trunk_msgs_util.units import NANOSECONDS
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD, MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<BQHIQQ")
@@ -33,6 +35,11 @@ COMPRESSIONS = {
     "lz4": CompressionType.LZ4,
     "none": CompressionType.NONE,
 }
+
+
+def stamp_of(time: Any) -> int:
+    """Return a Time message as ns."""
+    return int(time.sec) * NANOSECONDS + int(time.nanosec)
 
 
 # Records.

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from trunk_msgs_util import topics
 from trunk_msgs_util.picture.film import Film, markers, scene_of, transforms, urdf
 from trunk_msgs_util.picture.shapes import Geometry, Kind, Scene, shapes
-from trunk_msgs_util.recording.schemas import deserialize, stamp_of
+from trunk_msgs_util.recording.schemas import deserialize
 from trunk_msgs_util.samples import JointSample
+
+from .mcap_files import stamp_of
 
 GEOMETRY = Geometry(length=1.3, amplitude=0.7, wavenumber=2.0, joints=("pelvis", 'a "back"'))
 REAL = st.floats(-50.0, 50.0)

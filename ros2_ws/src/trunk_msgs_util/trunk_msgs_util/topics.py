@@ -53,23 +53,6 @@ BARE_NODE = "_CREATED_BY_BARE_DDS_APP_"
 # The names in a row of ``plant/inputs``, in order; values are in ``position``, their ages in ``velocity``.
 INPUT_NAMES = ("command", "hip_force", "trunk_torque", "hip_offset", "trunk_offset")
 
-# The names of a ``~/state`` record, in order; their values are in ``position``.
-STATE_NAMES = (
-    "reference",
-    "measurement",
-    "error",
-    "error_rate",
-    "p_term",
-    "i_term",
-    "d_term",
-    "kp",
-    "ki",
-    "kd",
-    "alpha",
-    "unsaturated",
-    "effort",
-)
-
 
 def evidence(topic: str) -> str:
     """Return the topic of the recorder's copies of a topic of our nodes, past messages included.
@@ -88,11 +71,6 @@ def controller_state(controller: str) -> str:
 def own_reference(controller: str) -> str:
     """Return the topic of the references for one controller node only, ``~/reference``."""
     return f"{controller}/{REFERENCE}"
-
-
-def is_own_reference(relative: str) -> bool:
-    """Return True for the name of some node's ``~/reference``."""
-    return relative.count("/") == 1 and relative.endswith(f"/{REFERENCE}")
 
 
 def is_controller_state(relative: str) -> bool:

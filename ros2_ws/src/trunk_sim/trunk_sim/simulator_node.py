@@ -120,9 +120,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._diagnosed = (time.monotonic(), 0)
         self._pacing = make_pacing(self, config)
         self.unfinished = ""
-        self._commanded = self._silent = (
-            0  # steps with a command in force; those at the end without
-        )
+        # Steps with a command in force; those at the end without.
+        self._commanded = self._silent = 0
         self._missing: Sequence[str] = ()
         self._pause_asked = False
         self._looked_s = math.inf

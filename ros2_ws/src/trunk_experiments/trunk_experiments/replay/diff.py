@@ -226,7 +226,7 @@ def compare_topic(
         lone = run.stamp_ns[~np.isin(keys, others)]
         if len(lone):
             steps.update(lone.tolist())
-            firsts.append(FirstDifference(int(lone.min()), relative, "message", *has))
+            firsts.append(FirstDifference(int(lone.min()), relative, "message", *values))
     _, rows_a, rows_b = np.intersect1d(keys_a, keys_b, return_indices=True)
     stamps = a.stamp_ns[rows_a]
     if not len(stamps):

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     from ..recorded.run import RecordedRun
 
-MOST_STEPS = 4_000_000  # of the integrator, likewise
 LONGEST_TWIN = 200_000  # states that are simulated again to tell how far a run was moved
+MOST_STEPS = 4_000_000  # of the integrator, likewise
 # A state is far from the one before it beyond this time and this many of the usual steps.
 _FAR_NS, _FAR_STEPS = NANOSECONDS, 100
 

@@ -180,7 +180,7 @@ def transforms(geometry: Geometry, x: float, theta: float, stamp_ns: int) -> byt
 
     ::
 
-        hip_link in world         (x, 0, A sin(k x))
+        hip_link in world         (x, 0, the path's height at x)
         trunk_link in hip_link    turned by theta about y: a rotation from z towards x
     """
     turned = _quaternion(0.0, sin(theta / 2.0), 0.0, cos(theta / 2.0))

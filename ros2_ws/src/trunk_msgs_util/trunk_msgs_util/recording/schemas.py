@@ -64,7 +64,6 @@ def _store() -> Typestore:
 
 
 @cache
-@cache
 def definition(type_name: str) -> bytes:
     """Return a type's ``ros2msg`` text with all nested types. Raises ValueError if unknown."""
     if type_name not in _store().fielddefs:
@@ -113,11 +112,6 @@ def deserialize(type_name: str, data: bytes) -> Any:
     except Exception as error:  # whatever rosbags may raise on damaged bytes
         reason = str(error) or type(error).__name__
         raise ValueError(f"not a {type_name}: {reason}") from None
-
-
-def stamp_of(time: Any) -> int:
-    """Return a Time message as ns."""
-    return int(time.sec) * NANOSECONDS + int(time.nanosec)
 
 
 def _kind(name: str, value: Value) -> str:
