@@ -10,6 +10,7 @@ import socket
 import pytest
 
 from trunk_msgs_util.errors import SettingError
+from trunk_msgs_util.node import middleware
 from trunk_msgs_util.node.middleware import (
     PROFILES,
     PROFILES_FILE,
@@ -76,7 +77,7 @@ _BAD = {  # of each setting, a value that ROS 2 cannot use and what is said of i
         ("127.0.0.1;::1", "::1 cannot be used as an address"),
     ],
     "ROS_DISCOVERY_SERVER": [
-        (";robot.invalid:11811", "robot.invalid:11811 cannot be used as an address ("),
+        ("UDPv4:[1.2.3.4.5]:99", "UDPv4:[1.2.3.4.5]:99 cannot be used as an address ("),
         ("127.0.0.1:99999", "127.0.0.1:99999 cannot be used as an address (ports end at 65535)"),
     ],
     "FASTRTPS_DEFAULT_PROFILES_FILE": [
@@ -93,8 +94,8 @@ _BAD = {  # of each setting, a value that ROS 2 cannot use and what is said of i
 def test_a_setting_that_ros_cannot_use_is_named(home, tmp_path, name, value, says):
     installed = tmp_path / "share/ament_index/resource_index/rmw_typesupport"
     installed.mkdir(parents=True)
-    for middleware in ("rmw_ours", "rmw_implementation"):
-        (installed / middleware).touch()
+    for name_of_rmw in ("rmw_ours", "rmw_implementation"):
+        (installed / name_of_rmw).touch()
     enforced = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
     more = enforced if "SECURITY" in name else {}
     with pytest.raises(SettingError, match=f"^{name}\\b.*{re.escape(says)}"):
@@ -137,3 +138,60 @@ def test_a_host_that_cannot_reach_itself_is_named(monkeypatch, home, tmp_path):
 
 def test_the_patience_of_nodes_that_end():
     assert [patience({}), patience({"TRUNK_PATIENCE": "2.5"})] == [1.0, 2.5]
+
+
+@pytest.fixture
+def answers(monkeypatch):
+    """What the look-ups of names give, one after the other; how they fail: an error's number."""
+    given = []
+
+    def look_up(host, *_, **__):
+        if not host.isalpha():  # no name
+            return []
+        answer = given.pop(0)
+        if isinstance(answer, int):
+            raise socket.gaierror(answer, "it does not resolve")
+        return [(family, 2, 17, "", (address, 0)) for family, address in answer]
+
+    monkeypatch.setattr(os, "environ", {**os.environ})  # `prepare` sets more than one
+    monkeypatch.setattr(socket, "getaddrinfo", look_up)
+    monkeypatch.setattr(middleware.time, "sleep", lambda _: None)
+    return given
+
+
+V4, V6 = (socket.AF_INET, "10.0.0.7"), (socket.AF_INET6, "fd00::7")
+
+
+@pytest.mark.parametrize(
+    ("server", "given", "used"),
+    [
+        ("robot:11811", [[V6, V4]], "10.0.0.7:11811"),
+        ("robot", [[V4]], "10.0.0.7"),
+        ("robot:11811", [[V6]], "[fd00::7]:11811"),
+        (";robot:11811;UDPv4:[10.0.0.9]:11811", [[V4]], ";10.0.0.7:11811;UDPv4:[10.0.0.9]:11811"),
+        ("[fd00::9]:11811", [], "[fd00::9]:11811"),
+    ],
+)
+def test_a_discovery_server_is_given_by_address(answers, server, given, used):
+    os.environ["ROS_DISCOVERY_SERVER"] = server
+    answers += given
+    prepare()
+    assert os.environ["ROS_DISCOVERY_SERVER"] == used
+
+
+def test_a_name_is_looked_up_until_the_link_is_good(answers, capsys):
+    os.environ["ROS_DISCOVERY_SERVER"] = "robot:11811"
+    answers += [socket.EAI_AGAIN, socket.EAI_AGAIN, [V4]]
+    prepare()
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "waiting for the address of robot (ROS_DISCOVERY_SERVER): it does not" in said
+    assert os.environ["ROS_DISCOVERY_SERVER"] == "10.0.0.7:11811"
+
+
+def test_a_server_that_does_not_exist_is_named(answers):
+    os.environ["ROS_DISCOVERY_SERVER"] = "robot:11811"
+    answers += [socket.EAI_NONAME]
+    with pytest.raises(
+        SettingError, match=r"^ROS_DISCOVERY_SERVER=robot:11811: robot has no address"
+    ):
+        prepare()

@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 import re
 import socket
+import sys
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
+from itertools import count
 from math import inf
 from pathlib import Path
 
@@ -18,6 +21,7 @@ PROFILES = Path(__file__).with_name("fastdds.xml")
 PROFILES_FILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 SUPER_CLIENT = "ROS_SUPER_CLIENT"  # heeded with a discovery server alone
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+SERVER = "ROS_DISCOVERY_SERVER"
 _SHARED_MEMORY = Path("/dev/shm")
 # ROS 2's tracing library needs two pages there. Without room for them, loading it kills the process with
 # SIGBUS.
@@ -37,11 +41,15 @@ def prepare(shared_memory: Path = _SHARED_MEMORY) -> None:
     messages go by UDP within a host too: shared memory can make a node deaf (fastdds.xml).
     A discovery server is asked for all that it knows: the recorder follows any node, on topics on
     which it has no endpoint itself. No node needs this to meet the others of its run.
+    Its name is looked up here, again and again on a bad link: Fast DDS does so once, and where that fails the
+    node meets nobody for as long as it runs.
 
     Raises MiddlewareError if loading ROS 2 would kill the process, or nothing would arrive, and SettingError
     if a setting of the environment cannot be used.
     """
     check_settings()
+    if SERVER in os.environ:
+        os.environ[SERVER] = ";".join(map(_with_address, os.environ[SERVER].split(";")))
     os.environ.setdefault(SUPER_CLIENT, "TRUE")
     if TRANSPORTS not in os.environ:  # with shared memory alone, nobody could reach us by UDP
         os.environ.setdefault(PROFILES_FILE, str(PROFILES))
@@ -78,6 +86,41 @@ def _tracing_pages(shared_memory: Path) -> int:
     return max(pages - there, 0)
 
 
+_NAMED_SERVER = re.compile(r"([\w.-]+)(:\d+)?")  # not TCPv4:[ADDRESS]:PORT, nor [IPv6]:PORT
+_LOOK_UP_S = 60.0  # multiplied by TRUNK_PATIENCE
+
+
+def _with_address(server: str) -> str:
+    """Return ``HOST:PORT`` with the host's address. Raises SettingError where it has none."""
+    match = _NAMED_SERVER.fullmatch(server)
+    if match is None:
+        return server
+    host, port = match[1], match[2] or ""
+    until_s = time.monotonic() + _LOOK_UP_S * patience()
+    for tries in count():
+        try:
+            found = socket.getaddrinfo(host, None, type=socket.SOCK_DGRAM)
+            break
+        except (socket.gaierror, UnicodeError) as error:
+            why = getattr(error, "strerror", None) or str(error)
+            no_answer = getattr(error, "errno", None) == socket.EAI_AGAIN
+        if not no_answer or time.monotonic() > until_s:
+            raise SettingError(
+                f"{SERVER}={os.environ[SERVER]}: {host} has no address ({why}): give the name or the address "
+                "of a host that runs scripts/discovery_server.sh, or unset it"
+            )
+        if not tries:
+            program = Path(sys.argv[0]).name
+            print(
+                f"{program}: waiting for the address of {host} ({SERVER}): {why}", file=sys.stderr
+            )
+        time.sleep(1.0)
+    addresses = {family: str(place[0]) for family, *_, place in reversed(found)}
+    if socket.AF_INET in addresses:
+        return addresses[socket.AF_INET] + port
+    return f"[{addresses[socket.AF_INET6]}]{port}"
+
+
 _LAST_DOMAIN = 232  # beyond it, DDS has no ports left
 _SWITCH = "0", "1"
 # With another value, ROS 2 ends with a traceback, fills the logs, or goes on as if it had none.
@@ -102,9 +145,10 @@ def check_settings(environment: Mapping[str, str] = os.environ) -> None:
     _check_middleware(environment)
     for peer in environment.get("ROS_STATIC_PEERS", "").split(";"):
         _check_host("ROS_STATIC_PEERS", peer, peer)
-    for server in environment.get("ROS_DISCOVERY_SERVER", "").split(";"):
+    for server in environment.get(SERVER, "").split(";"):
         host, port = _SERVER.findall(server)[0]
-        _check_host("ROS_DISCOVERY_SERVER", server, host, int(port or 0))
+        name = _NAMED_SERVER.fullmatch(server)  # `prepare` looks it up, more patiently
+        _check_host(SERVER, server, "" if name else host, int(port or 0))
     _check_profiles(environment.get(PROFILES_FILE, ""))
     _check_keystore(environment)
     _check_log_folder(environment)
