@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
+from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay.verdict import Verdict
-from trunk_experiments.replay.verify import UNJUDGED, verify
+from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.node.conversions import stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
@@ -129,6 +130,24 @@ def test_a_run_whose_recorder_is_managed_by_hand(children: Children, peer: Peer)
     assert run.wait() == 0, run.stderr
     assert "complete: 41 states, 41 commands recorded" in run.stdout
     children.none_left()
+
+
+def test_a_controller_that_nobody_configures(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    """Standing by, as `trunk live` starts all but one: the run is whole all the same."""
+    everywhere = {"duration": 0.1, "lockstep.enabled": True}
+    plan = make_plan("demo", "fuzzy_pid", standby=["pid"], everywhere=everywhere)
+    plan.write_parameters(tmp_path / "plan.yaml")
+    arguments = ("--params-file", tmp_path / "plan.yaml")
+    nodes = {name: children.node(name, *arguments) for name in plan.configs if name != "recorder"}
+    peer.until_up("pid")
+    recorder = children.node("recorder", *arguments, "output:=run.mcap")
+    assert nodes.pop("simulator").wait() == 0
+    assert [node.stop() for node in nodes.values()] == [0, 0, 0]
+    assert recorder.stop() == 0, recorder.stderr
+    verdict = verify(Recording.open(tmp_path / "run.mcap"))
+    assert verdict.exit_code == VERIFIED, verdict
 
 
 @pytest.mark.usefixtures("patient")

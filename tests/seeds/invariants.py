@@ -110,6 +110,8 @@ def _recorded(run: Run, recording: Recording) -> Iterator[str]:
     if recording.complete:
         yield from _everything(run, found)
     kinds = {fault.kind for fault in run.story.faults}
+    if recording.end is not None and not kinds & {"full", "restart"}:
+        yield from _silent(run, found)
     if run.story.lockstep:
         yield from _names_nobody(found)
     if harmless(run.story):
@@ -151,6 +153,15 @@ def _stopped(run: Run, found: RecordedRun) -> Iterator[str]:
     began = any(event.message == Event.STARTED for event in found.events)
     if harmless and ended_well and began and not any(e.message in ENDS for e in found.events):
         yield "the simulator did not say how the run ended"
+
+
+def _silent(run: Run, found: RecordedRun) -> Iterator[str]:
+    """Yield nodes whose parameters are on record without any event, although they ended in order."""
+    heard = {event.node for event in found.events}
+    shown = {change.node for change in found.recording.parameter_messages()}
+    for name, some in run.processes.items():
+        if f"/{name}" in shown - heard and all(one.exit_code is not None for one in some):
+            yield f"{name}: its parameters are on record, but none of its events"
 
 
 def _everything(run: Run, found: RecordedRun) -> Iterator[str]:

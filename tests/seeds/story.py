@@ -198,5 +198,10 @@ STORIES = {
         ),
         whole=True,
     ),
+    "a controller that ends before anybody configured it": Story(
+        *(138, True, "pid", 0.05),
+        (Fault(474092701, "stop", "pid"), Fault(1474092701, "stop", "simulator")),
+        ("pid.autostart=false",),
+    ),
     "in lock-step": Story(4, True, "pid", 0.2, (), whole=True),
 }

@@ -12,6 +12,7 @@ class Event(str, Enum):
     is what the standard library calls a StrEnum from Python 3.11 on.
     """
 
+    UNCONFIGURED = "unconfigured"
     CONFIGURED = "configured"
     ACTIVATED = "activated"
     DEACTIVATED = "deactivated"

@@ -27,12 +27,12 @@ _MATCHED_S, _DEAF_S = 1.0, 10.0
 # DDS discovers a publisher first, then its node, then that node's events: after `strangers.UNNAMED_S` it is
 # known whether there is one.
 _STRANGER_S = 4.0
-# What a participant must be known to subscribe to; a recorder subscribes to the events last.
+# What a participant must be known to subscribe to; a recorder subscribes to the parameters last.
 _HEARD = {
     topics.EFFORT_COMMAND: topics.JOINT_STATES,
     topics.DISTURBANCE: topics.GROUND_TRUTH,
     topics.REFERENCE: topics.GROUND_TRUTH,
-    "recorder": topics.RUN_EVENTS,
+    "recorder": topics.RUN_PARAMETERS,
 }
 # A stranger has discovered the recorder's subscription for so long after the simulator has; and the start
 # waits for this no longer than that.

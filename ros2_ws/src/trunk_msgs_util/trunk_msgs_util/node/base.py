@@ -120,6 +120,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         if self.config.autostart:
             super().autostart()
         else:
+            self.event(Event.UNCONFIGURED)  # its parameters are on record: so is what became of it
             self.get_logger().info("unconfigured: autostart is false")
 
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:

@@ -460,7 +460,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def activate(self) -> None:
         """Subscribe, the first time; earlier messages come too, from the publishers' history."""
         if not self._recorded:
-            for topic, type_name in self._evidence_types().items():
+            types = self._evidence_types()
+            # Last: whose parameters are on record knows then that the rest is heard, too, and waits for it.
+            parameters = {topics.RUN_PARAMETERS: types.pop(topics.RUN_PARAMETERS)}
+            for topic, type_name in (types | parameters).items():
                 self._subscribe(topic, type_name)
             self._follow_timer = self.every(_FOLLOW_S, self._follow)
             self._ready_timer = self.every(0.02, self._announce)

@@ -84,8 +84,8 @@ def await_acknowledgement(
     while published and time.monotonic() < deadline:
         recorders = set().union(*(publisher.recorders() for publisher in published))
         # DDS announces a participant's subscriptions in the order of their creation; the recorder creates
-        # the one for the run's events last.
-        if recorders and recorders <= discovery.listeners(node, topics.RUN_EVENTS):
+        # the one for the run's parameters last.
+        if recorders and recorders <= discovery.listeners(node, topics.RUN_PARAMETERS):
             break
         if not recorders and time.monotonic() > known_s:
             break
