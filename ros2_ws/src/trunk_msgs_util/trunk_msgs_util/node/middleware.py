@@ -147,8 +147,8 @@ def check_settings(environment: Mapping[str, str] = os.environ) -> None:
         _check_host("ROS_STATIC_PEERS", peer, peer)
     for server in environment.get(SERVER, "").split(";"):
         host, port = _SERVER.findall(server)[0]
-        name = _NAMED_SERVER.fullmatch(server)  # `prepare` looks it up, more patiently
-        _check_host(SERVER, server, "" if name else host, int(port or 0))
+        named = _NAMED_SERVER.fullmatch(server)  # `prepare` looks it up, more patiently
+        _check_host(SERVER, server, "" if named else host, int(port or 0))
     _check_profiles(environment.get(PROFILES_FILE, ""))
     _check_keystore(environment)
     _check_log_folder(environment)
