@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # All checks, the same for a person and for CI: scripts/test.sh [--quick | --all | pytest arguments]
 # Some tests run in part: another share after each commit, or with another TRUNK_EPOCH. --all: all at once.
-# --quick, between edits: no processes, no browser, nothing that takes a second or more.
+# --quick, between edits: what imports a changed file, without processes, browser and what takes a second or more,
+# and a share of the virtual world and of the same bits.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null || { echo 'test: FAILED: bootstrap' >&2; exit 1; }
@@ -57,6 +58,14 @@ labs() {
         bash scripts/install.sh python requirements/lab.txt "$kept/log" || true
 }
 
+# What a change concerns, and, of what any law does, the shares of this epoch.
+pytest_quick() {
+    local code=0
+    ((!${#files[@]})) || "${run[@]}" -n auto -q -m 'not (graph or browser or slow)' "${files[@]}" "$@" || code=$?
+    "${run[@]}" -n auto -q -m 'not (graph or browser or long)' tests/seeds tests/same_bits "$@" || code=$?
+    return "$code"
+}
+
 kept=$(mktemp -d)
 export TRUNK_SKIPPED=$kept/skipped TRUNK_DURATIONS=$PWD/.venv/durations.tsv
 : >"$TRUNK_SKIPPED" >"$TRUNK_DURATIONS"
@@ -74,9 +83,10 @@ stage 'ruff format' ruff format --check
 stage arrows lint-imports
 stage licences python scripts/licences.py
 if [[ ${1:-} == --quick ]]; then
+    mapfile -t files < <(python -m tests.needed)
+    stage "pytest: what a change concerns (${#files[@]} files)" pytest_quick "${@:2}"
     settle
-    stage 'pytest: quick' "${run[@]}" -n auto -q -m 'not (graph or browser or slow)' "${@:2}"
-    left='; not run: processes, browser, slow ones (scripts/test.sh)'
+    left='; not run: what the change does not concern; processes, browser, slow ones (scripts/test.sh)'
 elif (($#)) && [[ $1 != --all ]]; then
     settle
     stage pytest python -m pytest "$@"
