@@ -76,19 +76,19 @@ trap 'rm -rf "$kept"' EXIT
 run=(python -m pytest --dist worksteal)
 left=''
 
-beside mypy mypy
 stage 'shell syntax' syntax
 stage 'ruff check' ruff check
 stage 'ruff format' ruff format --check
 stage arrows lint-imports
 stage licences python scripts/licences.py
 if [[ ${1:-} == --quick ]]; then
+    beside mypy mypy
     mapfile -t files < <(python -m tests.needed)
     stage "pytest: what a change concerns (${#files[@]} files)" pytest_quick "${@:2}"
     settle
     left='; not run: what the change does not concern; processes, browser, slow ones (scripts/test.sh)'
 elif (($#)) && [[ $1 != --all ]]; then
-    settle
+    stage mypy mypy
     stage pytest python -m pytest "$@"
 else
     some=' and not long'
@@ -101,6 +101,7 @@ else
     few='python_files=test_units.py test_config.py test_terminal.py'
     stage 'colcon test: a few' bash scripts/colcon_test.sh -q "--override-ini=$few"
     settle
+    beside mypy nice mypy
     # Some wait, for a browser or a process of their own: one test more at once than there are cores. They give way
     # to the graph's, which run beside them.
     beside 'pytest: in one process' nice "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8
