@@ -91,6 +91,8 @@ def run(plan: RunPlan, path: Path, actions: Sequence[Action] = ()) -> bool:
             action.do(nodes[action.node])
             executor._collect()  # a transition may have destroyed topics
     finished = simulator.exit_code == 0
+    if not finished:  # a test that fails shows it
+        print("ended by", {name: node.exit_code for name, node in nodes.items()})
     _end(list(nodes.values()), executor)
     return finished
 
