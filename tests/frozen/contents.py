@@ -74,11 +74,6 @@ def digests_of(path: Path, graph: bool) -> dict[str, str]:
     }
 
 
-def digest_of(path: Path) -> str:
-    """Return a digest of four digits of a whole recording of nodes."""
-    return blake2b(repr(digests_of(path, graph=True)).encode(), digest_size=2).hexdigest()
-
-
 def _digest(parts: list[tuple[str, int, bytes]]) -> str:
     digest = blake2b(digest_size=_SIZE)
     for _, log_ns, data in parts:

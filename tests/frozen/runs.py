@@ -15,6 +15,7 @@ from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import RunPlan, Swap, make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.verify import verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
@@ -44,17 +45,10 @@ class Fingerprint(NamedTuple):
     digests: Mapping[str, str]  # by topic
 
 
-def word_of(path: Path) -> str:
-    """Return the word of today's verdict on a recording: the one place that knows the verifier."""
-    from trunk_experiments.replay.verify import verdict_on
-
-    return verdict_on(RecordedRun.open(path)).word
-
-
 def fingerprint(path: Path, graph: bool) -> Fingerprint:
     """Return what is frozen of a recording; ``graph``: nodes wrote it."""
     states = Recording.open(path).topics[f"/{topics.GROUND_TRUTH}"].count
-    return Fingerprint(word_of(path), states, digests_of(path, graph))
+    return Fingerprint(verdict_on(RecordedRun.open(path)).word, states, digests_of(path, graph))
 
 
 def offline(name: str, folder: Path) -> Fingerprint:
