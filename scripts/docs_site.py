@@ -31,7 +31,7 @@ PAGES = {  # as they are called in the repository, and in the site
 COPIES = "source"  # folder in the site with the files of the repository that pages link to
 
 _LINK = re.compile(r"(?<=\]\()([^)#:\s]+)(?=[)#])")
-_PATH = re.compile(r"`((?:docs|docker|examples|requirements|scripts|tests)/[\w./-]+)`")
+_PATH = re.compile(r"`((?:docs|docker|examples|requirements|scripts|tests|trunk_\w+)/[\w./-]+)`")
 _DISPLAYED = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _INLINE = re.compile(r"\$`([^`]+)`\$")
 _FUNCTION = re.compile(r"(<mi>(?:sin|cos)</mi>)(?!<mo stretchy=\"false\">&#x00028;)")
@@ -131,9 +131,11 @@ def on_files(files: Files, *, config: Any, **_: Any) -> Files:
         files.append(File.generated(config, f"{COPIES}/{path}", content=content))
     for name, path in labs().items():
         files.append(File.generated(config, f"labs/{name}.html", content=path.read_bytes()))
+    workspace = ROOT / "ros2_ws" / "src"
     for page, text in sources.items():
         for path in sorted({path.rstrip("./") for path in _PATH.findall(text)}):
-            if not (ROOT / path).exists():
+            folders = (ROOT, workspace, workspace / path.partition("/")[0])
+            if not any((folder / path).exists() for folder in folders):
                 _log.warning("%s names `%s`, which does not exist", page, path)
     return files
 

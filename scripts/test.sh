@@ -50,7 +50,10 @@ settle() {
 
 syntax() {
     local script
-    for script in scripts/*.sh scripts/standin/ros2 .ci/run; do bash -n "$script" || return; done
+    for script in scripts/*.sh scripts/standin/ros2 .ci/run; do
+        bash -n "$script" || return
+        [[ -x $script || $script == */env.sh ]] || { echo "$script: not executable" && return 1; }
+    done
 }
 
 labs() {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from pathlib import Path
@@ -24,6 +23,7 @@ BROKEN = {
     "[heading](start.md#nowhere)": "'start.md#nowhere'",
     "[file](../scripts/nowhere.sh)": "'../scripts/nowhere.sh'",
     "`scripts/nowhere.py`": "`scripts/nowhere.py`, which does not exist",
+    "`trunk_sim/nowhere.py`": "`trunk_sim/nowhere.py`, which does not exist",
 }
 LAB = "<!DOCTYPE html><title>fig6, a lab</title>"
 SMALL = (
@@ -61,19 +61,6 @@ def test_each_page_is_there_and_asks_no_other_host_for_anything(site):
         assert not re.search(r"(?:url\(|@import)\s*[\"']?(?:https?:)?//", style.read_text("utf-8"))
 
 
-def test_each_link_within_the_site_leads_somewhere(site):
-    texts = {page.name: page.read_text(encoding="utf-8") for page in site.glob("*.html")}
-    anchors = {name: set(re.findall(r"\bid=\"?([^\">\s]+)", text)) for name, text in texts.items()}
-    for name, text in texts.items():
-        for link in re.findall(r"<a\b[^>]*?\bhref=\"?([^\"> ]+)", text):
-            if name == "404.html" or re.match(r"\w+:", link):
-                continue
-            path, _, anchor = link.partition("#")
-            target = path or name
-            assert (site / target).exists(), (name, link)
-            assert not anchor or target not in anchors or anchor in anchors[target], (name, link)
-
-
 def test_the_site_has_the_tables_that_the_repository_has_not(site):
     pages = {
         name: (site / f"{name}.html").read_text(encoding="utf-8")
@@ -95,29 +82,6 @@ def test_the_site_has_the_labs_that_were_made(site):
     assert (site / "labs" / "fig6.html").read_text() == LAB
     links = re.findall(r'href="?(labs/[^">\s]+)', (site / "lab.html").read_text(encoding="utf-8"))
     assert links == ["labs/fig6.html"]
-
-
-@pytest.mark.parametrize(
-    ("query", "page"),
-    [
-        ("equation of motion", "model"),
-        ("bode", "model"),
-        ("sign convention", "model"),
-        ("who sent", "concepts"),
-    ],
-)
-def test_search_leads_to_the_page_whose_heading_it_is(site, query, page):
-    # The search box ranks headings far above text: the words are in those of one page only.
-    sections = json.loads((site / "search" / "search_index.json").read_text(encoding="utf-8"))[
-        "docs"
-    ]
-    words = [word for word in query.split() if word != "of"]
-    pages = {
-        section["location"].split("#")[0]
-        for section in sections
-        if all(word in section["title"].lower() for word in words)
-    }
-    assert pages == {f"{page}.html"}
 
 
 def test_broken_links_are_refused(site, tmp_path):
