@@ -11,4 +11,4 @@ if ! cmp -s requirements/bench.txt "$folder/.installed"; then
     bash scripts/install.sh python requirements/bench.txt .venv/.bench-log --target "$folder"
     cp requirements/bench.txt "$folder/.installed"
 fi
-PYTHONPATH=$folder:${PYTHONPATH:-} exec python -m pytest tests/benchmarks/test_{core,sweep}.py "$@"
+PYTHONPATH=$folder:${PYTHONPATH:-} exec python -m pytest tests/test_benchmarks.py "$@"

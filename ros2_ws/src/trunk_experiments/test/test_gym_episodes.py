@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import gymnasium
+import numba
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
@@ -12,6 +14,8 @@ from gymnasium.wrappers import TransformAction
 
 from trunk_experiments.errors import ActionError, PlanError
 from trunk_experiments.gym import ENVIRONMENT
+from trunk_experiments.gym import episodes as kernel
+from trunk_experiments.gym.episodes import Episodes
 from trunk_experiments.gym.task import make_task
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
@@ -20,6 +24,7 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.run_view import RunView
 from trunk_experiments.views.task import different_tasks
 from trunk_msgs_util import topics
+from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.reader import Recording
 
 from .stepwise import steps
@@ -304,3 +309,14 @@ def test_an_episode_is_ranked_among_runs_with_the_same_reference(tmp_path):
         views.append(RunView.read(RecordedRun.open(tmp_path / f"{i}.mcap")))
     assert different_tasks(views[:2]) == ()
     assert different_tasks(views[::2]) == ("reference",)
+
+
+@pytest.mark.slow
+def test_the_plants_steps_are_vector_code():
+    episodes = Episodes(make_task("fig8"), 16)
+    compiled(kernel.advance)  # registers what it calls
+    twin = numba.njit(kernel.advance, error_model="numpy", nogil=True, _nrt=False)
+    given = (episodes.course, episodes._blocks, episodes.steps, episodes._series, episodes._history)
+    twin.compile(tuple(map(numba.typeof, (*given, np.zeros((16, 1))))))
+    code = "\n".join(twin.inspect_llvm().values())
+    assert len(re.findall(r"fdiv <\d+ x double>", code)) >= 8, "two for each stage of a step"
