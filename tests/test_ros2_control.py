@@ -70,13 +70,3 @@ def test_our_controllers_accept_another_robots_joint(node, config):
     assert found.joint == "torso_pitch_joint"
     assert 0.0 < found.u_clamp_max < 100.0
     assert -found.u_clamp_min == found.u_clamp_max
-
-
-@pytest.mark.parametrize(
-    "name", sorted(path.name for path in FILES.iterdir() if path.suffix not in ("", ".md"))
-)
-def test_each_file_says_what_it_is_and_is_named_in_the_document(name):
-    text = (FILES / name).read_text(encoding="utf-8")
-    assert text.startswith(("# ", "<?xml", '"""'))
-    document = ROOT / "examples" / "ros2_control" / "README.md"
-    assert name in document.read_text(encoding="utf-8")

@@ -57,12 +57,6 @@ def test_one_version_everywhere():
     assert found == dict.fromkeys(found, project_version()), "scripts/version.sh sets it"
 
 
-def test_the_citation_names_the_maintainer_of_package_xml():
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    maintainer = ElementTree.parse(PACKAGES[0] / "package.xml").findtext("maintainer")
-    assert citation["authors"] == [{"name": maintainer}]
-
-
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheels")
