@@ -77,42 +77,20 @@ def test_a_strangers_file_is_not_said_to_have_ended_badly(tmp_path, trunk, libra
 
 
 CONVERT = "convert it: rosbags-convert --src {} --dst {} --dst-storage mcap"
-ZSTD, BY_ZSTD = b"\x28\xb5\x2f\xfd", "compressed by Zstandard: unpack it"
-FORMATS = {
-    "a.bag": (b"#ROSBAG V2.0\n", "a bag of ROS 1: " + CONVERT, "{folder}/a.bag", "{folder}/a_mcap"),
-    "a.db3": (
-        b"SQLite format 3\0\x10\0",
-        "a bag of ROS 2 in SQLite: " + CONVERT,
-        "{folder}",
-        "{folder}_mcap",
-    ),
-    "a.mcap.zstd": (
-        b"\x28\xb5\x2f\xfd",
-        "compressed by Zstandard: unpack it: zstd -dk {}",
-        "{folder}/a.mcap.zstd",
-    ),
-    "a.mcap.zst": (
-        b"\x28\xb5\x2f\xfd",
-        "compressed by Zstandard: unpack it: zstd -dk {}",
-        "{folder}/a.mcap.zst",
-    ),
-    "a.mcap.gz": (
-        b"\x1f\x8b\x08",
-        "compressed by gzip: unpack it: gzip -dk {}",
-        "{folder}/a.mcap.gz",
-    ),
+ZSTD, GZIP = b"\x28\xb5\x2f\xfd", b"\x1f\x8b\x08"
+FORMATS = {  # how a file begins, what is said of it, and the paths in that, after the folder's
+    "a.bag": (b"#ROSBAG V2.0\n", f"a bag of ROS 1: {CONVERT}", "/a.bag", "/a_mcap"),
+    "a.db3": (b"SQLite format 3\0\x10\0", f"a bag of ROS 2 in SQLite: {CONVERT}", "", "_mcap"),
+    "a.mcap.zstd": (ZSTD, "compressed by Zstandard: unpack it: zstd -dk {}", "/a.mcap.zstd"),
+    "a.mcap.zst": (ZSTD, "compressed by Zstandard: unpack it: zstd -dk {}", "/a.mcap.zst"),
+    "a.mcap.gz": (GZIP, "compressed by gzip: unpack it: gzip -dk {}", "/a.mcap.gz"),
     "a.mcap": (
-        b"\x1f\x8b\x08",
+        GZIP,
         "compressed by gzip: unpack it: mv {0} {1} && gzip -dk {1}",
-        "{folder}/a.mcap",
-        "{folder}/a.mcap.gz",
+        *("/a.mcap", "/a.mcap.gz"),
     ),
-    "a.mcap.lz4": (
-        b"\x04\x22\x4d\x18",
-        "compressed by LZ4: unpack it: lz4 -dk {}",
-        "{folder}/a.mcap.lz4",
-    ),
-    "a.mcap.bz2": (b"BZh9", "compressed by bzip2: unpack it: bzip2 -dk {}", "{folder}/a.mcap.bz2"),
+    "a.mcap.lz4": (b"\x04\x22\x4d\x18", "compressed by LZ4: unpack it: lz4 -dk {}", "/a.mcap.lz4"),
+    "a.mcap.bz2": (b"BZh9", "compressed by bzip2: unpack it: bzip2 -dk {}", "/a.mcap.bz2"),
 }
 
 
@@ -128,7 +106,7 @@ def test_another_format_is_named_with_the_command_that_converts_it(
     path = tmp_path / name
     path.write_bytes(head + bytes(100))
     code, out, err = trunk(verb[0], path, *verb[1:])
-    expected = says.format(*(place.format(folder=tmp_path) for place in places))
+    expected = says.format(*(f"{tmp_path}{place}" for place in places))
     assert (code, out, err) == (2, "", f"trunk: error: {path} is {expected}\n")
 
 

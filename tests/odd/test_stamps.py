@@ -36,22 +36,17 @@ def at(ns):
 
 
 # Which stamp (s, ns) state k gets for the one that it has, and what is said of all of them.
+FAR = "of 61: 1 far (up to"
 STAMPS = {
     "doubled": (lambda k, s, ns: at((k - (k % 7 == 3)) * 5 * MS), "of 61: 9 doubled"),
     "backward": (lambda k, s, ns: at((k + (k == 20) * 9) * 5 * MS), "of 61: 1 doubled, 1 backward"),
-    "far": (lambda k, s, ns: (s + 10**8 * (k == 60), ns), "of 61: 1 far (up to 1e+08 s after"),
+    "far": (lambda k, s, ns: (s + 10**8 * (k == 60), ns), f"{FAR} 1e+08 s after"),
     "far amid": (
         lambda k, s, ns: (s + 10**6 * (k == 30), ns),
         "of 61: 1 backward, 1 far (up to 1e+06 s after the one before)",
     ),
-    "a wide gap": (
-        lambda k, s, ns: (s + 3 * (k > 30), ns),
-        "of 61: 1 far (up to 3 s after the one before)",
-    ),
-    "the first at 0": (
-        lambda k, s, ns: (s + 1_700_000_000 * (k > 0), ns),
-        "of 61: 1 far (up to 1.7e+09",
-    ),
+    "a wide gap": (lambda k, s, ns: (s + 3 * (k > 30), ns), f"{FAR} 3 s after the one before)"),
+    "the first at 0": (lambda k, s, ns: (s + 1_700_000_000 * (k > 0), ns), f"{FAR} 1.7e+09"),
     "too many nanoseconds": (
         lambda k, s, ns: (s - 1, ns + 1_000_000_000),
         "of 61: 61 with 1e9 nanoseconds or more",

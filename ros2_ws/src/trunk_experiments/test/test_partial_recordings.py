@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import methodcaller
 from pathlib import Path
 
 import click
@@ -214,47 +215,32 @@ def first_joint(sample):
     return JointSample(sample.stamp_ns, sample.name[:1], *(values[:1] for values in sample[2:]))
 
 
-EDITS = {
-    "joint_states without velocity": edited(
-        topics.JOINT_STATES, lambda sample: sample._replace(velocity=())
-    ),
-    "joint_states without effort": edited(
-        topics.JOINT_STATES, lambda sample: sample._replace(effort=())
-    ),
-    "joint_states of other joints": edited(
-        topics.JOINT_STATES, lambda sample: sample._replace(name=("elbow", "wrist"))
-    ),
-    "joint_states of one joint": edited(topics.JOINT_STATES, first_joint),
-    "ground truth without velocity": edited(
-        topics.GROUND_TRUTH, lambda sample: sample._replace(velocity=())
-    ),
-    "ground truth without effort": edited(
-        topics.GROUND_TRUTH, lambda sample: sample._replace(effort=())
-    ),
-    "ground truth of one joint": edited(topics.GROUND_TRUTH, first_joint),
-    "ground truth without values": edited(
-        topics.GROUND_TRUTH, lambda sample: JointSample(sample.stamp_ns, sample.name)
-    ),
-    "commands without effort": edited(
-        topics.EFFORT_COMMAND, lambda sample: JointSample(sample.stamp_ns, sample.name, (1.0,))
-    ),
-    "commands to another joint": edited(
-        topics.EFFORT_COMMAND, lambda sample: sample._replace(name=("wrist",))
-    ),
-    "commands to two joints": edited(
+NONE = {"position": (), "velocity": (), "effort": ()}
+REPLACED = {
+    "joint_states without velocity": (topics.JOINT_STATES, {"velocity": ()}),
+    "joint_states without effort": (topics.JOINT_STATES, {"effort": ()}),
+    "joint_states of other joints": (topics.JOINT_STATES, {"name": ("elbow", "wrist")}),
+    "ground truth without velocity": (topics.GROUND_TRUTH, {"velocity": ()}),
+    "ground truth without effort": (topics.GROUND_TRUTH, {"effort": ()}),
+    "ground truth without values": (topics.GROUND_TRUTH, NONE),
+    "commands without effort": (topics.EFFORT_COMMAND, NONE | {"position": (1.0,)}),
+    "commands to another joint": (topics.EFFORT_COMMAND, {"name": ("wrist",)}),
+    "commands to two joints": (
         topics.EFFORT_COMMAND,
-        lambda sample: sample._replace(name=("hip", "trunk"), effort=(0.0, 1.0)),
+        {"name": ("hip", "trunk"), "effort": (0.0, 1.0)},
     ),
-    "disturbances without offsets": edited(
-        topics.DISTURBANCE, lambda sample: sample._replace(position=())
-    ),
+    "disturbances without offsets": (topics.DISTURBANCE, {"position": ()}),
+    "~/state of other names": (STATE, NONE | {"name": ("a", "b"), "position": (1.0, 2.0)}),
+    "~/state without values": (STATE, NONE),
+}
+EDITS = {
+    **{
+        name: edited(topic, methodcaller("_replace", **values))
+        for name, (topic, values) in REPLACED.items()
+    },
+    "joint_states of one joint": edited(topics.JOINT_STATES, first_joint),
+    "ground truth of one joint": edited(topics.GROUND_TRUTH, first_joint),
     "disturbances of one joint": edited(topics.DISTURBANCE, first_joint),
-    "~/state of other names": edited(
-        STATE, lambda sample: JointSample(sample.stamp_ns, ("a", "b"), (1.0, 2.0))
-    ),
-    "~/state without values": edited(
-        STATE, lambda sample: JointSample(sample.stamp_ns, sample.name)
-    ),
     "parameters out of bounds": with_parameters("simulator", plant__hip_mass=-1.0),
     "parameters of another version": with_parameters("simulator", plant__colour=3.0),
     "a controller of another joint": with_parameters("fuzzy_pid", joint="wrist"),
