@@ -91,6 +91,13 @@ def test_libraries_that_a_wheel_bundles_are_listed_with_their_hash(text):
     assert all(len(one["hashes"][0]["content"]) == 64 for one in fast_dds["components"])
 
 
+def test_the_same_environment_gives_the_same_bytes(text, tmp_path):
+    other = environment()
+    other["components"].reverse()
+    assert json.loads(text)["components"] == json.loads(make(tmp_path, other)[1])["components"]
+    assert not any(word in text for word in ("serialNumber", "timestamp", str(ROOT)))
+
+
 @pytest.mark.parametrize(
     ("edit", "says"),
     [
