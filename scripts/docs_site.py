@@ -31,7 +31,9 @@ PAGES = {  # as they are called in the repository, and in the site
 COPIES = "source"  # folder in the site with the files of the repository that pages link to
 
 _LINK = re.compile(r"(?<=\]\()([^)#:\s]+)(?=[)#])")
-_PATH = re.compile(r"`((?:docs|docker|examples|requirements|scripts|tests|trunk_\w+)/(?!NAME)[\w./-]+)`")
+_PATH = re.compile(
+    r"`((?:docs|docker|examples|requirements|scripts|tests|trunk_\w+)/(?!NAME)[\w./-]+)`"
+)
 _DISPLAYED = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _INLINE = re.compile(r"\$`([^`]+)`\$")
 _FUNCTION = re.compile(r"(<mi>(?:sin|cos)</mi>)(?!<mo stretchy=\"false\">&#x00028;)")
