@@ -6,13 +6,20 @@ import asyncio
 import json
 import socket
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import pytest
 
+from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.pid import PidConfig
 from trunk_experiments.gateway import server
 from trunk_experiments.gateway.access import Rate
-from trunk_experiments.gateway.protocol import ENDED, LONGEST, NAME
+from trunk_experiments.gateway.feed import Board, RefusedRequestError
+from trunk_experiments.gateway.graph import Graph
+from trunk_experiments.gateway.protocol import ENDED, LONGEST, NAME, Asked
 from trunk_experiments.gateway.server import PageFile
+from trunk_msgs_util.parameters.declarations import values_of
+from trunk_sim.config import SimulatorConfig
 
 from .gateway_served import serving, words
 
@@ -140,6 +147,51 @@ def test_one_client_pushes_at_a_time(monkeypatch):
         await served.until(lambda: len(served.feed.asked) == 4)
 
     serving(test)
+
+
+def test_who_has_pushed_nothing_for_a_second_has_let_go(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(server, "time", SimpleNamespace(monotonic=lambda: now[0]))
+
+    async def test(served):
+        asked, refused = served.feed.asked, served.gateway.refused
+        pages, done = [await served.connect() for _ in range(2)], []
+        for now[0], who in ((0.0, 0), (0.75, 0), (1.5, 1), (1.75, 1), (2.5, 0)):
+            count = len(asked) + refused["pushes"]
+            pages[who].write_message('{"kind": "push", "force": 0, "torque": 5}')
+            await served.until(lambda n=count: len(asked) + refused["pushes"] > n)
+            done.append(len(asked))
+        assert done == [1, 2, 2, 3, 3]
+
+    serving(test)
+
+
+def test_a_swap_whose_second_half_fails_gives_the_turn_back(monkeypatch):
+    node = pytest.importorskip("trunk_experiments.gateway.graph_feed_node")
+    graph, asked = Graph(Board()), []
+    for name, config, event in (
+        ("pid", PidConfig(), "activated"),
+        ("fuzzy_pid", FuzzyPidConfig(), "configured"),
+        ("simulator", SimulatorConfig(lockstep=True), "started"),
+    ):
+        graph.parameters(name, values_of(config))
+        graph.event(name, 0, event, {})
+
+    async def call(_, kind, name, request, happened=None):
+        asked.append((name, request.data if name == "simulator" else request.transition.id))
+        if asked[-1] == ("fuzzy_pid", node.Transition.TRANSITION_ACTIVATE):
+            raise RefusedRequestError("fuzzy_pid did not answer")
+        return SimpleNamespace(success=True, message="")
+
+    for name in ("Node", "SingleThreadedExecutor"):
+        monkeypatch.setattr(node, name, MagicMock())
+    monkeypatch.setattr(node.GraphRequests, "call", call)
+    swap = node.GraphRequests(graph, None, "").ask("", Asked("swap", 1, {"to": "fuzzy_pid"}))
+    with pytest.raises(RefusedRequestError, match="fuzzy_pid did not answer"):
+        asyncio.run(swap)
+    on, off = node.Transition.TRANSITION_ACTIVATE, node.Transition.TRANSITION_DEACTIVATE
+    turns = [("pid", off), ("fuzzy_pid", on), ("pid", on)]
+    assert asked == [("simulator", True), *turns, ("simulator", False)]
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"kind": "nonsense"}', '{"kind": "push"}', b"\x00"])
