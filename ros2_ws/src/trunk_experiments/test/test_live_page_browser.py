@@ -220,6 +220,18 @@ def test_the_order_of_controllers_and_groups_never_changes(opened, served):
     settled(page, "document.getElementById('gains-of').textContent", "Gains of fuzzy_pid")
 
 
+def test_a_page_that_was_cut_off_comes_back(opened, served):
+    page = opened()
+    for _ in range(2):
+        before = page.evaluate("() => known.client")
+        served.call(lambda: [one.send_away("cut off", 1001) for one in served.gateway.clients])
+        page.wait_for_function("(before) => known.client !== before", arg=before)
+    settled(page, "document.getElementById('link').textContent", "connected")
+    served.call(served.graph.go, served.graph.t + 0.1)
+    rows = page.evaluate("() => known.control.count")
+    page.wait_for_function("(before) => known.control.count > before", arg=rows)
+
+
 def test_the_two_pauses_have_names_of_their_own(opened, served):
     page = opened()
     run, view = page.locator("#pause"), page.locator("#play")
