@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 import rclpy
@@ -18,7 +21,7 @@ from rclpy.waitable import NumberOfEntities, Waitable
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from trunk_msgs_util.node import qos
+from trunk_msgs_util.node import executor, qos, run
 from trunk_msgs_util.node.executor import LoopExecutor
 
 pytestmark = pytest.mark.graph
@@ -116,6 +119,37 @@ def test_timers_and_services_have_their_turn_among_messages(loop: Loop) -> None:
     future = client.call_async(Trigger.Request())
     loop.spin_until(lambda: future.done() and len(beats) > 5)
     assert future.result().message == "here"
+
+
+def test_timers_wait_two_milliseconds_for_messages_at_most(
+    loop: Loop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_ns, calls = 0, [0]
+
+    def take(self: LoopExecutor, rare_ones: bool) -> bool:
+        nonlocal now_ns
+        now_ns += 500_000
+        return True  # messages never end
+
+    monkeypatch.setattr(executor, "time", SimpleNamespace(monotonic_ns=lambda: now_ns))
+    monkeypatch.setattr(LoopExecutor, "_take_messages", take)
+    loop.every(1e-9, lambda: calls.append(now_ns))
+    while now_ns < 50_000_000:
+        loop.executor.spin_once()
+    assert max(later - one for one, later in pairwise([*calls, now_ns])) <= 2_500_000
+
+
+def test_messages_collect_no_longer_than_each_node_lets_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recorder, pid = (MagicMock(linger_s=0.01, exit_code=0, unfinished=False) for _ in range(2))
+    made = MagicMock()
+    for name in ("LoopExecutor", "Shutdown", "_initialize", "_drain"):
+        monkeypatch.setattr(run, name, made if name == "LoopExecutor" else MagicMock())
+    assert run.run_nodes({"recorder": lambda: recorder, "pid": lambda: pid}, "recorder", []) == 0
+    (linger_s,) = made.call_args.args
+    pid.linger_s = 0.0
+    assert linger_s() == 0.0
 
 
 def test_a_rare_message_is_taken_while_others_keep_coming(loop: Loop) -> None:
