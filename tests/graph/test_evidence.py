@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
-from trunk_msgs_util.node.conversions import status_to_ros
+from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros, status_to_ros
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
 
@@ -68,3 +69,17 @@ def test_what_was_published_and_not_recorded_is_named(
     recording = Recording.open(tmp_path / "run.mcap")
     assert not recording.complete
     assert recording.warnings == ["incomplete: fuzzy_pid/state: 0 of 7 messages were recorded"]
+
+
+def test_a_recorder_that_comes_seconds_late_gets_all(peer: Peer) -> None:
+    publisher = peer.node.create_publisher(JointState, topics.evidence("a"), qos.evidence())
+    stamps_ns = [1_000_000 * k for k in range(2000)]  # of two seconds at a kilohertz
+    for stamp_ns in stamps_ns:
+        publisher.publish(sample_to_ros(JointSample(stamp_ns, ("trunk",))))
+    heard = peer.hear("a")
+    peer.until(lambda: heard and stamp_of(heard[-1]) == stamps_ns[-1], "the last one has come")
+    assert [stamp_of(message) for message in heard] == stamps_ns
+
+
+def stamp_of(message: JointState) -> int:
+    return stamp_from_ros(message.header.stamp)
