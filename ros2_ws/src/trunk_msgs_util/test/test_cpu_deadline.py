@@ -6,6 +6,7 @@ import os
 
 import pytest
 
+from trunk_msgs_util import cpu_deadline
 from trunk_msgs_util.cpu_deadline import (
     CpuDeadline,
     Thread,
@@ -100,3 +101,11 @@ def test_linux_reports_this_process_and_nothing_for_one_that_does_not_exist() ->
         assert mine[os.getpid()].run_ns > 0
         assert mine[os.getpid()].state == ""  # it is running as it looks
     assert threads_of(2**22 + 1) == {}
+
+
+def test_the_fields_of_linux_are_told_apart(tmp_path, monkeypatch) -> None:
+    (task := tmp_path / "7").mkdir()
+    (task / "schedstat").write_text("5 3 1\n")
+    (task / "stat").write_text("7 (a) S) D 1 2\n")
+    monkeypatch.setattr(cpu_deadline, "Path", lambda _: tmp_path)
+    assert threads_of(1) == {7: Thread(run_ns=5, delay_ns=3, state="D")}
