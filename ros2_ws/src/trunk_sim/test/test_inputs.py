@@ -110,6 +110,16 @@ def test_stamps_that_go_backwards_or_far_ahead_are_refused():
     DisturbanceFeed(3000 * MS).take(3000 * MS, PULL, 0)
 
 
+def test_all_of_a_second_at_a_kilohertz_may_arrive_ahead():
+    feed, acting = DisturbanceFeed(MS), []
+    for k in range(1, 1001):
+        feed.take(k * MS, Disturbance(hip_force=k), 0)
+    for k in range(1, 1001):
+        feed.advance(k * MS, None)
+        acting.append(feed.disturbance.hip_force)
+    assert acting == list(range(1, 1001))
+
+
 def test_a_disturbance_that_is_too_old_no_longer_acts():
     feed = DisturbanceFeed(5 * MS)
     assert not feed.advance(1000 * MS, 200 * MS), "nothing was ever received"
