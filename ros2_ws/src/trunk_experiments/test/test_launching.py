@@ -1,7 +1,12 @@
 from __future__ import annotations
 
 import ast
+import re
+import runpy
+import sys
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -108,6 +113,37 @@ def test_the_simulator_stops_first_and_the_recorder_last():
     assert launching.next_to_stop(running) == ["simulator"]
     assert launching.next_to_stop(running[:3]) == ["pid", "disturbance"]
     assert launching.next_to_stop(running[:1]) == []
+
+
+@pytest.mark.parametrize("code", [0, 1])
+def test_a_launched_set_ends_in_that_order_and_says_why(monkeypatch, code):
+    path = PACKAGE / "launch" / "trunk.launch.py"
+    plain = MagicMock(
+        EmitEvent=lambda event: event,
+        LogInfo=lambda msg: msg,
+        Shutdown=lambda reason: "end the launch",
+        ShutdownProcess=lambda process_matcher: process_matcher,
+        matches_action=lambda action: f"end {action}",
+    )
+    for name in re.findall(r"(?m)^from ((?:ament|launch)\S*)", path.read_text("utf-8")):
+        monkeypatch.setitem(sys.modules, name, plain)
+    monkeypatch.setattr(launching, "what_lacks", lambda file: "")
+    end = runpy.run_path(str(path))["OrderlyEnd"](
+        ["recorder", "pid", "disturbance", "simulator"],
+        SimpleNamespace(recording="f", describe=str),
+    )
+    end.actions = dict(zip(end.running, end.running, strict=True))
+    context = SimpleNamespace(is_shutdown=False)
+    steps = [("pid", code), ("simulator", 0), ("disturbance", 0)]
+    said = [end.on_exit(n)(SimpleNamespace(returncode=c), context) for n, c in steps]
+    over = ["the run is over: f", "end the launch"]
+    assert said == [["end simulator"], ["end disturbance"], over]
+    context.is_shutdown, last = True, end.on_exit("recorder")
+    if code:
+        with pytest.raises(RuntimeError, match=r"^pid ended with exit code 1$"):
+            last(SimpleNamespace(returncode=0), context)
+    else:
+        assert last(SimpleNamespace(returncode=0), context) == []
 
 
 @pytest.mark.parametrize(
