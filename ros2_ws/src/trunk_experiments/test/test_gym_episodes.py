@@ -252,7 +252,9 @@ def test_save_neither_overwrites_a_file_nor_works_before_a_step(tmp_path):
     with pytest.raises(PlanError, match="the episode has no step yet: step first"):
         env.save(path)
     played(env, balanced, 3)
-    env.save(path)
+    recording = Recording.open(env.save(path))
+    assert recording.topics[f"/{topics.GROUND_TRUTH}"].count == 4
+    assert recording.end["reason"] == "finished"
     before = path.read_bytes()
     with pytest.raises(FileExistsError, match=r"episode\.mcap exists"):
         env.save(path)
