@@ -48,7 +48,7 @@ def compiled_once(command: Sequence[str | Path], output: Path) -> str:
     if not kept.exists():
         words = [*map(str, command), "-o", str(output)]
         done = subprocess.run(words, capture_output=True, text=True, check=False)
-        if done.returncode or done.stderr:
+        if done.returncode:
             return done.stderr or f"exit code {done.returncode}"
         _CACHE.mkdir(parents=True, exist_ok=True)
         with NamedTemporaryFile(dir=_CACHE, delete=False) as part:
