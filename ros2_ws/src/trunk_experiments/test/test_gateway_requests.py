@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+from itertools import count
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -52,6 +53,9 @@ def test_a_stoppable_run_is_stopped_from_the_page():
         told = await served.until_report(page)
         found = await served.get(told)
         assert found.body == b"<p>report</p>"
+        assert (
+            found.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
+        )  # it has its own
         assert served.said == ["stop", "waiting"]  # the page is there: it may not have it yet
         page.close()
         await served.until(lambda: served.said == ["stop", "waiting", "left"])
@@ -105,11 +109,13 @@ def test_nobody_waits_for_a_page_that_is_closed_while_its_report_is_sent():
 def test_a_run_that_is_over_takes_no_request_and_every_page_learns_why_it_has_no_report():
     async def test(served):
         page = await served.connect()
+        turns = []
+        served.feed.turn = lambda: turns.append("turn")
         served.gateway.end("stopped by request before the run began")
         page.write_message('{"kind": "reset", "number": 1}')
         answer = await words(page, "answer")
         assert (answer["ok"], answer["text"]) == (False, "the run is over")
-        assert served.feed.asked == []
+        assert (served.feed.asked, turns) == ([], ["turn"])  # what comes later is another run's
         leaves = asyncio.get_running_loop().create_task(served.gateway.leave())
         last = {}
         while (message := await page.read_message()) is not None:
@@ -166,8 +172,16 @@ def test_who_has_pushed_nothing_for_a_second_has_let_go(monkeypatch):
     serving(test)
 
 
-def test_a_swap_whose_second_half_fails_gives_the_turn_back(monkeypatch):
-    node = pytest.importorskip("trunk_experiments.gateway.graph_feed_node")
+@pytest.fixture
+def node(monkeypatch):
+    """Return the module of what talks to a graph, without any graph."""
+    module = pytest.importorskip("trunk_experiments.gateway.graph_feed_node")
+    for name in ("rclpy", "middleware", "Node", "SingleThreadedExecutor"):
+        monkeypatch.setattr(module, name, MagicMock())
+    return module
+
+
+def test_a_swap_whose_second_half_fails_gives_the_turn_back(node, monkeypatch):
     graph, asked = Graph(Board()), []
     for name, config, event in (
         ("pid", PidConfig(), "activated"),
@@ -183,8 +197,6 @@ def test_a_swap_whose_second_half_fails_gives_the_turn_back(monkeypatch):
             raise RefusedRequestError("fuzzy_pid did not answer")
         return SimpleNamespace(success=True, message="")
 
-    for name in ("Node", "SingleThreadedExecutor"):
-        monkeypatch.setattr(node, name, MagicMock())
     monkeypatch.setattr(node.GraphRequests, "call", call)
     swap = node.GraphRequests(graph, None, "").ask("", Asked("swap", 1, {"to": "fuzzy_pid"}))
     with pytest.raises(RefusedRequestError, match="fuzzy_pid did not answer"):
@@ -192,6 +204,62 @@ def test_a_swap_whose_second_half_fails_gives_the_turn_back(monkeypatch):
     on, off = node.Transition.TRANSITION_ACTIVATE, node.Transition.TRANSITION_DEACTIVATE
     turns = [("pid", off), ("fuzzy_pid", on), ("pid", on)]
     assert asked == [("simulator", True), *turns, ("simulator", False)]
+
+
+def test_infinity_is_set_as_a_number_and_a_pause_may_be_refused(node, monkeypatch):
+    graph, asked = Graph(Board()), []
+    graph.parameters("pid", values_of(PidConfig()))
+
+    async def call(_, kind, name, request, happened=None):
+        asked.append(request)
+        return MagicMock(success=False, message="no run to pause")
+
+    monkeypatch.setattr(node.GraphRequests, "call", call)
+    requests = node.GraphRequests(graph, None, "")
+    asyncio.run(requests.set("pid", {"u_clamp_max": "inf"}))
+    (sent,) = asked[0].parameters
+    assert (sent.name, sent.value.double_value) == ("u_clamp_max", float("inf"))
+    with pytest.raises(RefusedRequestError, match=r"^simulator: no run to pause$"):
+        asyncio.run(requests.ask("", Asked("pause", 2, {"on": True})))
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "again"),
+    [
+        ("Trigger", "pid", False),
+        ("ChangeState", "pid", False),
+        ("SetBool", "simulator", True),
+        ("SetParametersAtomically", "pid", True),
+    ],
+)
+def test_only_what_may_be_done_twice_is_asked_again(node, monkeypatch, kind, name, again):
+    graph = Graph(Board())
+    graph.parameters("pid", values_of(PidConfig()))
+    looks = count()
+    monkeypatch.setattr(node, "time", SimpleNamespace(monotonic=lambda: 0.6 * next(looks)))
+    client = node.Node.return_value.create_client.return_value
+    client.call_async.return_value.done = lambda: next(looks) > 20
+    kind = getattr(node, kind)
+    asyncio.run(node.GraphRequests(graph, None, "").call(kind, name, kind.Request()))
+    assert (client.call_async.call_count > 1) == again
+
+
+def test_another_robots_nodes_of_the_same_names_are_not_shown(node):
+    told = iter(f"{space}/simulator" for space in ("/a", "/b", "", "/a/b"))
+
+    def subscription(kind, topic, *_, **__):
+        def take(*_):
+            name = next(told, None) if topic == "/diagnostics" else None
+            return name and (status_to_ros(0, name, "ok", {"of": name}, b"\0"), {})
+
+        return MagicMock(**{"handle.take_message": take})
+
+    status_to_ros = pytest.importorskip("trunk_msgs_util.node.conversions").status_to_ros
+    node.Node.return_value.create_subscription = subscription
+    feed = node.GraphFeed("/a")
+    feed.graph.parameters("simulator", values_of(SimulatorConfig()))
+    feed.turn()
+    assert feed.graph.nodes["simulator"].health == {"of": "/a/simulator"}
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"kind": "nonsense"}', '{"kind": "push"}', b"\x00"])
@@ -291,6 +359,29 @@ def test_a_page_has_to_wait_for_its_earlier_requests():
     serving(test)
 
 
+def by_hand(served):
+    """Return what a page says that opens its connection itself; it answers no ping."""
+    return (
+        f"GET /live HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        "Sec-WebSocket-Version: 13\r\n"
+        f"Sec-WebSocket-Protocol: {NAME}, {served.tokens.control}\r\n\r\n"
+    ).encode()
+
+
+def test_a_page_that_was_lost_without_a_word_gives_its_place_back(monkeypatch):
+    monkeypatch.setattr(server, "_PING_S", 0.05)
+
+    async def test(served):
+        _, writer = await asyncio.open_connection("127.0.0.1", served.port)
+        writer.write(by_hand(served))
+        await served.until(lambda: served.gateway.named)
+        await served.until(lambda: not served.gateway.clients)
+        writer.close()
+
+    serving(test)
+
+
 @pytest.mark.slow
 def test_a_page_that_does_not_read_has_no_queue_and_the_others_go_on(monkeypatch):
     monkeypatch.setattr(server, "_PING_S", 0.0)  # it would answer no ping
@@ -301,14 +392,7 @@ def test_a_page_that_does_not_read_has_no_queue_and_the_others_go_on(monkeypatch
         own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         own.connect(("127.0.0.1", served.port))
         reader, writer = await asyncio.open_connection(sock=own, limit=1)
-        writer.write(
-            (
-                f"GET /live HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nUpgrade: websocket\r\n"
-                "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-                "Sec-WebSocket-Version: 13\r\n"
-                f"Sec-WebSocket-Protocol: {NAME}, {served.tokens.control}\r\n\r\n"
-            ).encode()
-        )
+        writer.write(by_hand(served))
         reader._transport.pause_reading()
         await served.until(lambda: len(served.gateway.clients) == 1)
         (stuck,) = served.gateway.clients
