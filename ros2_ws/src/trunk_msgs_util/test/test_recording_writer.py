@@ -16,7 +16,7 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.digests import DIGESTS
+from trunk_msgs_util.recording.digests import DIGESTS, differing
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.writer import END, PROVENANCE, RecordingWriter
 
@@ -96,6 +96,10 @@ def test_channels_have_what_rosbag2_needs_to_play_them(tmp_path):
     assert about["duration"] == {"nanoseconds": 4}
     told = [topic["topic_metadata"]["name"] for topic in about["topics_with_message_count"]]
     assert told == ["/robot/a", "/robot/run/events"]
+
+
+def test_a_topic_that_is_gone_is_one_that_differs():
+    assert differing({"/a": "1", "/b": "2", "/c": "3"}, {"/b": "2", "/c": "4"}) == ["/a", "/c"]
 
 
 def test_an_existing_file_is_not_replaced_unless_asked(tmp_path):

@@ -54,6 +54,17 @@ def test_it_waits_for_the_disk_beside_the_loop_and_at_the_end(run):
     assert not failures
 
 
+def test_the_disk_is_told_the_files_name_once(run, tmp_path, monkeypatch):
+    told = []
+    monkeypatch.setattr(os, "fsync", lambda of: told.append(os.path.samestat(os.fstat(of), here)))
+    here = tmp_path.stat()
+    file, _ = run(Disk())
+    for _ in range(2):
+        file.sync()
+    file.finish(complete=True, reason="finished")
+    assert told == [True]
+
+
 def test_it_waits_for_nothing_where_it_is_not_to(run):
     file, _ = run(disk := Disk(), syncs=False)
     file.finish(complete=True, reason="finished")
