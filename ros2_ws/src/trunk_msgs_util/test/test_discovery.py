@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+from unittest.mock import MagicMock
+
 import pytest
 
+from trunk_msgs_util.node import strangers
 from trunk_msgs_util.node.discovery import Waiting, states
 
 
@@ -66,3 +69,15 @@ def test_whoever_is_not_met_for_ten_seconds_is_named_with_what_to_do(settings, a
 )
 def test_what_is_known_of_states_that_do_not_come(publishers, last_ns, refused, expected):
     assert states("/s", publishers, last_ns, refused) == expected
+
+
+def test_a_domain_is_told_by_the_ports_of_its_participants(monkeypatch):
+    """The first is 7400 + 250 × domain + 10 (DDSI-RTPS); 7410 is of domain 0."""
+    holders = {7410: "ours", 7659: "nobody's", 7660: "a talker", 7900: "b", 7910: "a listener"}
+    monkeypatch.setattr(strangers, "_port_holders", lambda: holders)
+    node = MagicMock()
+    node.context.get_domain_id.return_value = 0
+    assert strangers.near_misses(node, "/a", "/b", "T", ()) == [
+        f"in ROS_DOMAIN_ID {domain} there is {who}: this is 0; give both the same"
+        for domain, who in ((1, "a talker"), (2, "a listener"))
+    ]
