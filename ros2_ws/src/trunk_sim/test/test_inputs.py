@@ -66,10 +66,15 @@ def test_a_disturbance_comes_back_from_its_message():
     assert disturbance_of(disturbance_sample(7, JOINTS, acting), JOINTS) == acting
 
 
-def test_a_disturbance_of_other_joints_is_refused():
-    sample = disturbance_sample(7, ("trunk", "hip"), Disturbance())
-    with pytest.raises(RefusedError, match=r"^disturbances malformed$"):
-        disturbance_of(sample, JOINTS)
+def test_a_disturbance_of_other_joints_or_not_one_value_for_each_is_refused():
+    sample = disturbance_sample(7, JOINTS, Disturbance())
+    one, three = (0.0,), (0.0, 0.0, 0.0)
+    for other in (
+        {"name": JOINTS[::-1]},
+        *({f: v} for f in ("effort", "position") for v in (one, three)),
+    ):
+        with pytest.raises(RefusedError, match=r"^disturbances malformed$"):
+            disturbance_of(sample._replace(**other), JOINTS)
 
 
 @pytest.mark.parametrize("place", range(4))
