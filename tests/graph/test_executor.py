@@ -139,6 +139,23 @@ def test_timers_wait_two_milliseconds_for_messages_at_most(
     assert max(later - one for one, later in pairwise([*calls, now_ns])) <= 2_500_000
 
 
+def test_after_a_wait_that_a_message_ended_more_of_them_collect(
+    loop: Loop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ready, slept = ["a message"], list[float]()
+    clock = SimpleNamespace(monotonic_ns=time.monotonic_ns, sleep=slept.append)
+    monkeypatch.setattr(executor, "time", clock)
+    monkeypatch.setattr(loop.executor, "_linger_s", lambda: 0.01)
+    loop.executor.spin_once(0.0)
+    waited = MagicMock(get_ready_entities=lambda kind: ready if kind == "subscription" else [])
+    monkeypatch.setattr(loop.executor, "_wait_set", waited)
+    slept.clear()
+    loop.executor.spin_once(0.0)
+    ready.clear()
+    loop.executor.spin_once(0.0)
+    assert slept == [0.01]
+
+
 def test_messages_collect_no_longer_than_each_node_lets_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
