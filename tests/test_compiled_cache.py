@@ -5,9 +5,10 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import resource
 import shutil
 import sys
-from importlib import import_module
+from importlib import import_module, invalidate_caches
 from itertools import chain, count
 from pathlib import Path
 from threading import Event
@@ -152,6 +153,31 @@ def test_code_is_compiled_anew_when_its_meaning_changes(
         assert given[-1] == [law.update(x) for x in (1.0, 0.0, -1.0)]
     assert (given[0] != given[1]) == recompiled
     assert sum(twin.stats.cache_hits.values()) == (not recompiled)
+
+
+def test_code_is_of_the_function_as_loaded_and_of_one_of_its_name(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    path = tmp_path / "law_as_loaded.py"
+    path.write_text(
+        "def made(kind):\n    return (lambda x: x + 1.0) if kind else (lambda x: x * 10.0)\n"
+    )
+    law = import_module(path.stem)
+    path.write_text(path.read_text().replace("+ 1.0", "+ 2.0"))
+    assert [compiled(law.made(kind))(3.0) for kind in (0, 1, 0)] == [30.0, 4.0, 30.0]
+    monkeypatch.delitem(sys.modules, path.stem)
+    invalidate_caches()
+    assert compiled(import_module(path.stem).made(1))(3.0) == 5.0
+
+
+def test_on_a_full_disk_nothing_is_kept(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+    try:
+        assert compiled(half)(3.0) == 1.5
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def test_without_locks_nothing_is_kept(monkeypatch, tmp_path):

@@ -56,7 +56,7 @@ def output(inputs):
         if key not in known:
             done = run(*words, folder=folder, **variables)
             assert done.returncode == 0, done.stderr
-            out = next(folder.glob("out*"))
+            out = folder / words[words.index("-o") + 1]
             files = [out] if out.is_file() else sorted(out.iterdir())
             known[key] = {file.name: file.read_bytes() for file in files}
             for file in files:

@@ -410,13 +410,13 @@ DECIDE_NUMBERS = [
 
 @pytest.fixture
 def change(monkeypatch):
-    """Let the file with a name, PACKAGE/MODULE.py, have a byte more."""
+    """Let the file with a name, PACKAGE/MODULE.py, have a word more."""
 
     def change(name):
         assert find_spec(name.removesuffix(".py").replace("/", "."))
-        contents = compiled._contents.__wrapped__
+        meaning = compiled._meaning
         monkeypatch.setattr(
-            compiled, "_contents", lambda path: contents(path) + b"#" * path.endswith(f"/{name}")
+            compiled, "_meaning", lambda path: meaning(path) + b"#" * path.endswith(f"/{name}")
         )
         module.sources.cache_clear()
 

@@ -25,12 +25,13 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, wraps
 from importlib.util import find_spec
+from io import RawIOBase
 from itertools import accumulate
 from operator import attrgetter
 from pathlib import Path
 from threading import Timer
 from types import CodeType, FunctionType
-from typing import Any, TextIO, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,7 +158,7 @@ def compiled(function: Function) -> Function:
         cache._index_key = lambda given, codegen: (
             given,
             codegen.magic_tuple(),
-            _closed_over(function),
+            _identity(function),
         )
         os.utime(kept)
         _compile_alone(twin, kept / "lock")
@@ -282,14 +283,19 @@ def _words_of(value: object) -> object:
     return [_words_of(one) for one in value] if isinstance(value, tuple) else value
 
 
-def _closed_over(value: object) -> object:
-    """Return which function a factory has made: its name, its defaults and what it closes over, likewise."""
-    if not isinstance(value, FunctionType):
-        from numba.core.serialize import dumps
+def _identity(function: Callable[..., Any]) -> str:
+    """Return a hash of a function as loaded: its file may have changed, a factory make many of a name."""
+    from numba.core.serialize import dumps
 
-        return dumps(value)
-    parts = (*(value.__defaults__ or ()), *(cell.cell_contents for cell in value.__closure__ or ()))
-    return value.__module__, value.__qualname__, tuple(map(_closed_over, parts))
+    words: list[object] = []
+    for callee in call_graph(function):
+        code = callee.__code__
+        documented = bool(callee.__doc__) and code.co_consts[:1] == (callee.__doc__,)
+        cells = [cell.cell_contents for cell in callee.__closure__ or ()]
+        values = [*(callee.__defaults__ or ()), *(callee.__kwdefaults__ or {}).items(), *cells]
+        words += [_SAID(code), _words_of(code.co_consts[documented:])]
+        words += [dumps(value) for value in values if not isinstance(value, FunctionType)]
+    return hashlib.sha256(repr(words).encode()).hexdigest()
 
 
 def cache_folder() -> Path:
@@ -326,10 +332,12 @@ def _compile_alone(twin: Any, path: Path) -> None:
         with ExitStack() as held:
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                lock = held.enter_context(path.open("a+"))
+                lock = held.enter_context(path.open("ab+", buffering=0))
                 _acquire(lock, twin.__name__)
                 # Closing it is not enough: a process forked meanwhile has the same open file.
                 held.callback(fcntl.flock, lock, fcntl.LOCK_UN)
+                lock.truncate(0)
+                lock.write(str(os.getpid()).encode())
             except OSError:
                 twin._cache.disable()
             with _told(f"compiling {twin.__name__}, once for each version of its sources"):
@@ -344,10 +352,11 @@ def _compile_alone(twin: Any, path: Path) -> None:
     twin.compile = alone
 
 
-def _acquire(lock: TextIO, name: str) -> None:
-    """Lock a file and write down whose it is. Raises OSError without locks, or if it takes too long."""
+def _acquire(lock: RawIOBase, name: str) -> None:
+    """Lock a file, in which its holder's number is. Raises OSError without locks, or if it takes too long."""
     lock.seek(0)
-    with _told(f"waiting for process {lock.read() or 'unknown'}, which is compiling {name}"):
+    holder = (lock.read() or b"unknown").decode()
+    with _told(f"waiting for process {holder}, which is compiling {name}"):
         give_up = time.monotonic() + _COMPILE_S
         while True:
             try:
@@ -357,8 +366,6 @@ def _acquire(lock: TextIO, name: str) -> None:
                 if time.monotonic() >= give_up:
                     raise
                 time.sleep(_POLL_S)
-    lock.truncate(0)
-    print(os.getpid(), end="", file=lock, flush=True)
 
 
 @contextmanager

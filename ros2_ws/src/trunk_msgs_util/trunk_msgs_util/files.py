@@ -41,7 +41,6 @@ def atomic_write(path: Path, *, overwrite: bool | None = None) -> Iterator[Path]
         with part.open("rb+") as file:
             os.fsync(file.fileno())
         _put(part, target, overwrite)
-        _NEW.discard(target)
     except OSError as error:
         if error.filename not in (None, part, str(part)):
             raise
@@ -49,6 +48,7 @@ def atomic_write(path: Path, *, overwrite: bool | None = None) -> Iterator[Path]
             raise OSError(f"{path}: {error}") from None
         raise OSError(error.errno, os.strerror(error.errno), str(path)) from None
     finally:
+        _NEW.discard(target)
         if part is not path:
             _discard(part)
 

@@ -62,7 +62,8 @@ def gather(**known: str) -> dict[str, str]:
 def another_version(recorded: Mapping[str, str]) -> str:
     """Return which version recorded and which judges, in a line; empty if it is the same, or not known."""
     there, here = _version_in(recorded), _here()
-    if there == here or UNKNOWN in (*there, *here):
+    known = [pair for pair in zip(there, here, strict=True) if UNKNOWN not in pair]
+    if all(one == other for one, other in known):
         return ""
     recorder, judge = (f"version {v:.20} (commit {commit:.12})" for v, commit in (there, here))
     return f"recorded by {recorder}, judged by {judge}"

@@ -9,7 +9,7 @@ from math import inf, log10
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import OptimizeResult, differential_evolution
+from scipy.optimize import differential_evolution
 
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.fuzzy_pid import FuzzyPidConfig
@@ -168,10 +168,10 @@ def search(
             raise PlanError(f"{plan.scenario}: {wrong}")
     space = space_of(plans[0].controller_name, plans[0].controller)
     batch = Batch()
-    runs = 0
+    runs, least = 0, inf
 
     def cost(x: Floats) -> float:
-        nonlocal runs
+        nonlocal runs, least
         values = space.values(x)
         total = 0.0
         for plan in plans:
@@ -180,12 +180,13 @@ def search(
             outcome = summary_of(plan.with_controller(tried), batch)
             value = getattr(outcome.metrics, metric) if outcome.stood else None
             total += FAILED if value in (None, inf) else abs(float(value))
+        least = min(least, total / len(plans))
         return total / len(plans)
 
     generations_done = count(1)
 
-    def heard(intermediate_result: OptimizeResult) -> None:  # the name tells SciPy what to give
-        progress(next(generations_done), float(intermediate_result.fun))
+    def heard(x: Floats, convergence: float = 0.0) -> None:
+        progress(next(generations_done), least)
 
     start = np.array(space.start)
     start_cost = cost(start)

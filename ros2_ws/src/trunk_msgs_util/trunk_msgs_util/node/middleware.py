@@ -123,10 +123,12 @@ def _with_address(server: str) -> str:
 
 _LAST_DOMAIN = 232  # beyond it, DDS has no ports left
 _SWITCH = "0", "1"
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_FAST_DDS = "rmw_fastrtps"  # what the names of its two variants begin with
+_TRANSPORTS = "DEFAULT", "DEFAULTv6", "SHM", "UDPv4", "UDPv6", "LARGE_DATA", "LARGE_DATAv6"
 # With another value, ROS 2 ends with a traceback, fills the logs, or goes on as if it had none.
 _ALLOWED = {
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": ("SUBNET", "LOCALHOST", "SYSTEM_DEFAULT"),
-    TRANSPORTS: ("DEFAULT", "DEFAULTv6", "SHM", "UDPv4", "UDPv6", "LARGE_DATA", "LARGE_DATAv6"),
+    _RANGE: ("SUBNET", "LOCALHOST", "SYSTEM_DEFAULT"),
     "RCUTILS_COLORIZED_OUTPUT": _SWITCH,
     "RCUTILS_LOGGING_BUFFERED_STREAM": _SWITCH,
     "RCUTILS_LOGGING_USE_STDOUT": _SWITCH,
@@ -143,16 +145,23 @@ def check_settings(environment: Mapping[str, str] = os.environ) -> None:
     for name, allowed in _ALLOWED.items():
         _check_one_of(name, environment.get(name, ""), allowed)
     _check_middleware(environment)
-    for peer in environment.get("ROS_STATIC_PEERS", "").split(";"):
-        _check_host("ROS_STATIC_PEERS", peer, peer)
+    if (environment.get("RMW_IMPLEMENTATION") or _FAST_DDS).startswith(_FAST_DDS):
+        _check_fast_dds(environment)
+    _check_keystore(environment)
+    _check_log_folder(environment)
+    patience(environment)
+
+
+def _check_fast_dds(environment: Mapping[str, str]) -> None:
+    _check_one_of(TRANSPORTS, environment.get(TRANSPORTS, ""), _TRANSPORTS)
+    if environment.get(_RANGE) != "SYSTEM_DEFAULT":  # which does without peers
+        for peer in environment.get("ROS_STATIC_PEERS", "").split(";"):
+            _check_host("ROS_STATIC_PEERS", peer, peer)
     for server in environment.get(SERVER, "").split(";"):
         host, port = _SERVER.findall(server)[0]
         named = _NAMED_SERVER.fullmatch(server)  # `prepare` looks it up, more patiently
         _check_host(SERVER, server, "" if named else host, int(port or 0))
     _check_profiles(environment.get(PROFILES_FILE, ""))
-    _check_keystore(environment)
-    _check_log_folder(environment)
-    patience(environment)
 
 
 def patience(environment: Mapping[str, str] = os.environ) -> float:

@@ -43,7 +43,7 @@ class StudyShowResult(WrittenResult, document="study-show-1"):
     "--run",
     "number",
     required=True,
-    type=WholeRange(min=0),
+    type=WholeRange(0, 2**63 - 1),
     metavar="N",
     help="The run's number, from the column run of the results.",
 )
