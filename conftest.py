@@ -3,6 +3,8 @@
 No example has a time limit, and no test sets one: how long it takes is the machine's affair.
 
 Of the cases marked ``one_in(N)``, a share runs each time: another one in each epoch, all of them in N epochs.
+Of a file's cases marked ``virtual``, one runs in real processes each time; in a virtual one, all do
+(tests/graph/virtual.py).
 The epoch is TRUNK_EPOCH, else the number of commits. scripts/test.sh --all runs them all.
 
 What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the last line of scripts/test.sh;
@@ -150,11 +152,12 @@ def pytest_report_header() -> str:
 
 @pytest.hookimpl(tryfirst=True)  # before those that -m does not choose are left out
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark as long those cases of ``one_in(N)`` whose turn it is not.
+    """Mark as long those cases of ``one_in(N)`` and ``virtual`` whose turn it is not.
 
     Raises UsageError for a test of the graph where scripts/test.sh does not look for any.
     """
     uses: dict[tuple[str, int], list[pytest.Item]] = {}
+    files: dict[str, list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("graph") and not item.path.is_relative_to(_GRAPH_TESTS):
             raise pytest.UsageError(
@@ -163,6 +166,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if mark := item.get_closest_marker("one_in"):
             test = item.nodeid.partition("[")[0]
             uses.setdefault((test, mark.args[0]), []).append(item)
+        if item.get_closest_marker("virtual"):
+            files.setdefault(item.nodeid.partition("::")[0], []).append(item)
+    if not config.pluginmanager.hasplugin("tests.graph.virtual"):
+        uses |= {(file, len(cases)): cases for file, cases in files.items()}
     for (test, n), cases in uses.items():
         names = [case.nodeid for case in cases]
         in_turn = turn(names, test, n, int(os.environ["TRUNK_EPOCH"]))

@@ -108,9 +108,10 @@ else
     # Some wait, for a browser or a process of their own: one test more at once than there are cores. They give way
     # to the graph's, which run beside them.
     beside 'pytest: in one process' nice "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8
+    mapfile -t files < <(grep -rlE 'mark\.graph' tests --include='test_*.py')
+    beside 'pytest: the graph, virtual' python -m pytest -p tests.graph.virtual -m virtual --durations=8 "${files[@]}"
     # Processes wait for each other more than they work: two tests at once for each core. Each worker loads
     # the files that it collects.
-    mapfile -t files < <(grep -rlE 'mark\.graph' tests --include='test_*.py')
     stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m "graph$some" --durations=8 "${files[@]}"
     settle
 fi

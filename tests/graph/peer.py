@@ -134,8 +134,14 @@ class Peer:
 
         What a participant of DDS has is announced in order: who answers a client that came later knows it.
         """
+
+        def named() -> list[Any]:
+            known = self.node.get_subscriptions_info_by_topic(publisher.topic_name)
+            return [] if "_NODE_NAME_UNKNOWN_" in {one.node_name for one in known} else known
+
+        listeners = self.until(named, f"those who listen to {publisher.topic_name} have names")
         services = {name for name, _ in self.node.get_service_names_and_types()}
-        for listener in self.node.get_subscriptions_info_by_topic(publisher.topic_name):
+        for listener in listeners:
             state = f"{listener.node_namespace.rstrip('/')}/{listener.node_name}/get_state"
             if state in services:
                 self.call(GetState, state)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 RELIABLE, BEST_EFFORT = 1, 2
 TRANSIENT_LOCAL, VOLATILE = 1, 2
-_LATENCY_NS = (150_000, 30_000_000)  # usual and longest
+LATENCY_NS = (150_000, 30_000_000)  # usual and longest
 _NOTICE_NS = (5_000_000, 600_000_000)
 _LOSS = 0.05  # of best-effort messages
 
@@ -90,6 +90,7 @@ class Network:
 
     def __init__(self, world: World) -> None:
         self.world = world
+        self.loss = _LOSS
         self.writers: list[Writer] = []
         self.readers: list[Reader] = []
         self.first: dict[str, Callable[[], None]] = {}  # called at a topic's first message
@@ -137,6 +138,12 @@ class Network:
         at_ns += self.world.delay(1_000_000, 200_000_000)
         at_ns = self._told[names] = max(at_ns, self._told.get(names, 0))
         self.world.at(at_ns - self.world.now_ns, lambda: self._name(one, process))
+
+    def until_known_ns(self, process: Process, other: Process) -> int:
+        """Return how long it takes until another process has been told of all that a process has now."""
+        kinds = (Writer.__name__, Reader.__name__)
+        told_ns = (self._told.get((process.number, other.number, kind), 0) for kind in kinds)
+        return max(0, *(at_ns - self.world.now_ns for at_ns in told_ns))
 
     def _name(self, one: Endpoint, process: Process) -> None:
         one.named.add(process.number)
@@ -186,13 +193,13 @@ class Network:
         waiting = writer.under_way[reader.number]
         reliable = reader.quality.reliability == RELIABLE
         deaf = writer.number not in reader.publishers
-        if not reliable and (deaf or self.world.random.random() < _LOSS):
+        if not reliable and (deaf or self.world.random.random() < self.loss):
             return
         waiting.append(message)
         while len(waiting) > max(writer.quality.depth, 1):
             waiting.popleft()
             self.world.note("history full", writer.topic)
-        self.world.at(self.world.delay(*_LATENCY_NS), lambda: self._arrive(writer, reader, message))
+        self.world.at(self.world.delay(*LATENCY_NS), lambda: self._arrive(writer, reader, message))
 
     def _arrive(self, writer: Writer, reader: Reader, message: Message) -> None:
         """Deliver a message and, as order is kept, those before it, to a reader that knows the writer."""
@@ -218,7 +225,7 @@ class Network:
         """Send again what came before the subscription knew the publisher."""
         for message in list(writer.under_way.get(reader.number, ())):
             self.world.at(
-                self.world.delay(*_LATENCY_NS),
+                self.world.delay(*LATENCY_NS),
                 lambda message=message: self._arrive(writer, reader, message),
             )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from . import rcl
@@ -26,7 +26,7 @@ from trunk_sim.disturbance_node import DisturbanceNode
 from trunk_sim.simulator_node import SimulatorNode
 
 from .story import NS, Request
-from .world import Process, World
+from .world import Process, World, identity_of
 
 
 def _creator(name: str) -> Callable[[], Any]:
@@ -40,11 +40,8 @@ def _creator(name: str) -> Callable[[], Any]:
 
 def parameters_of(name: str, config: Any) -> dict[str, tuple[str, Any]]:
     """Return a node's parameters as a parameter file gives them: type and value, by name."""
-    kinds = {
-        key: d.kind.upper().replace(" ", "_") for key, d in declarations(NODES[name].config).items()
-    }
     return {
-        key: (kinds[key], list(value) if isinstance(value, tuple) else value)
+        key: (kind_of(name, key), list(value) if isinstance(value, tuple) else value)
         for key, value in values_of(config).items()
     }
 
@@ -56,6 +53,16 @@ def start(world: World, plan: RunPlan, name: str, **changed: Any) -> Process:
         given[key] = given[key][0], value
     creator = _creator(name)
     return world.start(name, lambda: run_nodes({name: creator}, name, [name]), {name: given})
+
+
+def executable(name: str, argv: Sequence[str]) -> Callable[[], int]:
+    """Return what a node's executable does, given its command line."""
+    return lambda: run_nodes({name: _creator(name)}, name, argv)
+
+
+def kind_of(name: str, key: str) -> str:
+    """Return the type of a node's parameter as ROS 2 names it."""
+    return declarations(NODES[name].config)[key].kind.upper().replace(" ", "_")
 
 
 def new_world(seed: int) -> World:
@@ -94,7 +101,7 @@ def _local_pid(identity: str) -> int | None:
     return None
 
 
-_as(source.process_id, lambda pid=None: rcl.here().identity)
+_as(source.process_id, lambda pid=None: identity_of(pid) if pid else rcl.here().identity)
 _as(source.same_machine, lambda identity: identity.startswith("virtual."))
 _as(source.local_pid, _local_pid)
 
@@ -115,6 +122,7 @@ class Held:
 
 _as(source.claimed, _claimed)
 _ORIGIN = provenance.gather()
+provenance._here()
 
 
 def _gather(**told: str) -> dict[str, str]:
@@ -134,8 +142,7 @@ def call(world: World, *asked: Request) -> None:
 
     def ask() -> None:
         for one in rcl.services.get(service, []):
-            one.requests.append((kind.Request(**fields), lambda answer: None))
-            world.nudge(one.process)
+            one.ask(kind.Request(**fields), lambda answer: None)
         if then:
             world.at(world.delay(NS // 100, NS), lambda: call(world, *then))
 

@@ -13,10 +13,10 @@ import time
 from collections import deque
 from collections.abc import Callable
 from itertools import count
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
-from .network import Endpoint, Quality, Reader, Writer
+from .network import LATENCY_NS, Endpoint, Quality, Reader, Writer
 from .world import Process, World
 
 # The world that runs, handles, contexts, nodes and names.
@@ -97,7 +97,8 @@ class Context(Handle):
 class Node(Handle):
     def __init__(self, name: str, namespace: str, *_: Any) -> None:
         super().__init__()
-        self.name, self.namespace = name, namespace or "/"
+        self.name = here().renamed.get("__node", name)
+        self.namespace = here().renamed.get("__ns", namespace or "/")
 
     def logger_name(self) -> str:
         return self.get_fully_qualified_name()[1:].replace("/", ".")
@@ -113,7 +114,7 @@ class Node(Handle):
 
     def get_parameters(self, parameter: Any) -> dict[str, Any]:
         """Return the parameters that the command line gives this node."""
-        given = here().parameters.get(self.name, {})
+        given = here().parameters.get(self.name, here().parameters.get("*", {}))
         found = {
             name: parameter(name, getattr(parameter.Type, kind), value)
             for name, (kind, value) in given.items()
@@ -242,8 +243,9 @@ class Publisher(_Side):
         return len(self.writer.matched)
 
     def wait_for_all_acked(self, duration: Any) -> bool:
-        """Let others run until all is received, or for the duration."""
-        end_ns = world().now_ns + int(duration.nanoseconds)
+        """Let others run until all is received, or for the duration (below 0: however long)."""
+        given_ns = int(duration.nanoseconds)
+        end_ns = world().now_ns + (given_ns if given_ns >= 0 else 10**18)
         while not world().network.acknowledged(self.writer) and world().now_ns < end_ns:
             world().block(
                 end_ns - world().now_ns, lambda: world().network.acknowledged(self.writer)
@@ -276,7 +278,7 @@ class Subscription(_Side):
 
 
 class Service(Handle):
-    """A service whose requests come from the test itself."""
+    """A service; its requests come from a client, or from the test itself."""
 
     def __init__(self, node: Node, kind: Any, name: str, profile: Any) -> None:
         super().__init__()
@@ -285,6 +287,11 @@ class Service(Handle):
         self.qos = {"depth": 10}
         self.requests: deque[tuple[Any, Callable[[Any], None]]] = deque()
         services.setdefault(self.name, []).append(self)
+
+    def ask(self, request: Any, answer: Callable[[Any], None]) -> None:
+        """Let a request arrive."""
+        self.requests.append((request, answer))
+        world().nudge(self.process)
 
     def service_take_request(self, kind: Any) -> tuple[Any, Any] | tuple[None, None]:
         if not self.requests:
@@ -311,6 +318,44 @@ class Header:
 
 
 services: dict[str, list[Service]] = {}
+
+
+def _served(name: str) -> list[Service]:
+    """Return the services of a name whose processes are known here."""
+    ends = (*world().network.writers, *world().network.readers)
+    known = {end.process.number for end in ends if here().number in end.known}
+    return [one for one in services.get(name, []) if one.process.number in known]
+
+
+class Client(Handle):
+    def __init__(self, node: Node, kind: Any, name: str, profile: Any) -> None:
+        super().__init__()
+        self.name, self.process = resolve(node, name), here()
+        self.answers: deque[tuple[Any, Any]] = deque()
+        self._numbers = count(1)
+
+    def service_server_is_available(self) -> bool:
+        return bool(_served(self.name))
+
+    def send_request(self, request: Any) -> int:
+        """Ask: who answers has been told of the client, and so of all that its process had before it."""
+        header = SimpleNamespace(sequence_number=next(self._numbers))
+
+        def take(response: Any) -> None:
+            self.answers.append((SimpleNamespace(request_id=header), response))
+            world().nudge(self.process)
+
+        def answer(response: Any) -> None:
+            world().at(world().delay(*LATENCY_NS), lambda: take(response))
+
+        for one in _served(self.name):
+            wait_ns = world().network.until_known_ns(self.process, one.process)
+            wait_ns += world().delay(*LATENCY_NS)
+            world().at(wait_ns, lambda one=one: one.ask(request, answer))
+        return header.sequence_number
+
+    def take_response(self, kind: Any) -> tuple[Any, Any]:
+        return self.answers.popleft() if self.answers else (None, None)
 
 
 # Clocks, timers, guard conditions and wait sets.
@@ -415,6 +460,9 @@ class WaitSet(Handle):
     def add_service(self, handle: Handle) -> int:
         return self._add("service", handle)
 
+    def add_client(self, handle: Handle) -> int:
+        return self._add("client", handle)
+
     def add_event(self, handle: Handle) -> int:
         return 0
 
@@ -428,7 +476,7 @@ class WaitSet(Handle):
             "timer": [t.pointer for t in kinds["timer"] if t.is_timer_ready()],
             "guard_condition": [g.pointer for g in kinds["guard_condition"] if g.triggered],
             "service": [s.pointer for s in kinds["service"] if s.requests],
-            "client": [],
+            "client": [c.pointer for c in kinds["client"] if c.answers],
         }
 
     def wait(self, limit_ns: int) -> None:
@@ -557,7 +605,7 @@ class _Library(ModuleType):
         nothing = lambda *_, **__: None  # noqa: E731
         self.__dict__.update(
             {kind.__name__: kind for kind in (
-                Context, Node, Publisher, Subscription, Service, Clock, Timer, GuardCondition,
+                Context, Node, Publisher, Subscription, Service, Client, Clock, Timer, GuardCondition,
                 EventHandle, WaitSet, LifecycleStateMachine)},
             rmw_service_info_t=Header,
             rmw_request_id_t=Header,
@@ -566,6 +614,7 @@ class _Library(ModuleType):
             rclpy_get_publishers_info_by_topic=lambda node, topic, *_: _infos(node, topic, Writer),
             rclpy_get_subscriptions_info_by_topic=lambda node, topic, *_: _infos(node, topic, Reader),
             rclpy_get_topic_names_and_types=_names_and_types,
+            rclpy_get_service_names_and_types=lambda node: [(n, [""]) for n in services if _served(n)],
             rclpy_logging_configure=nothing,
             rclpy_logging_fini=nothing,
             rclpy_logging_rcutils_log=_log,
@@ -614,7 +663,7 @@ def install() -> None:
     set_handler = signal.signal
 
     def virtual_signal(number: int, handler: Any) -> Any:
-        if not _runs():
+        if not _runs() or number not in (signal.SIGINT, signal.SIGTERM):
             return set_handler(number, handler)
         here().handlers[int(number)] = handler
         while int(number) in here().pending:

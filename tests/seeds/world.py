@@ -37,10 +37,12 @@ class Process:
     main: Callable[[], int]
     number: int
     parameters: Mapping[str, Mapping[str, Any]]
+    renamed: Mapping[str, str] = field(default_factory=dict)  # its node: __node, __ns
     context: Any = None
     handlers: dict[int, Any] = field(default_factory=dict)
     pending: list[int] = field(default_factory=list)
     log: list[str] = field(default_factory=list)
+    stderr: Any = None  # its own
     exit_code: int | None = None
     ended_ns: int | None = None
     crashed: bool = False
@@ -56,7 +58,12 @@ class Process:
     @property
     def identity(self) -> str:
         """The identity that its nodes report."""
-        return f"virtual.{self.number}.0"
+        return identity_of(self.number)
+
+
+def identity_of(number: int) -> str:
+    """Return the identity of a process by its number."""
+    return f"virtual.{number}.0"
 
 
 class World:
@@ -67,6 +74,7 @@ class World:
         self.now_ns = 0
         self.trace: list[str] = []
         self.processes: list[Process] = []
+        self.first = 1000  # the first process's number
         self.network = Network(self)
         self.names: dict[str, Process] = {}  # of nodes, by the process that holds each
         self._events: list[tuple[int, int, Callable[[], None]]] = []
@@ -102,7 +110,7 @@ class World:
         self, name: str, main: Callable[[], int], parameters: Mapping[str, Mapping[str, Any]]
     ) -> Process:
         """Begin a process; it runs at the next event."""
-        process = Process(name, self, main, 1000 + len(self.processes), parameters)
+        process = Process(name, self, main, self.first + len(self.processes), parameters)
         self.processes.append(process)
         process.run = greenlet(lambda: self._main(process), self._hub)
         self.note("start", name)
@@ -120,7 +128,7 @@ class World:
         self.note("exit", process.name, process.exit_code)
         self.network.gone(process, self.delay(1_000_000, 50_000_000))
 
-    def _resume(self, process: Process, wake: int) -> None:
+    def _resume(self, process: Process, wake: int, error: Exception | None = None) -> None:
         if not process.alive or wake != process.wake or process.run is None:
             return
         if process.stalled_ns > self.now_ns:
@@ -131,7 +139,10 @@ class World:
         self.current = process
         self.switched(process)
         try:
-            process.run.switch()
+            if error is None:
+                process.run.switch()
+            else:
+                process.run.throw(error)
         finally:
             self.current = None
             self.switched(None)
@@ -175,9 +186,23 @@ class World:
             self.note("crash", process.name)
             self.network.gone(process, self.delay(2 * NS, 20 * NS))
 
-    def run(self, until: Callable[[], bool], limit_ns: int) -> None:
+    def hold(self, process: Process) -> None:
+        """Let a process do nothing until it is let go."""
+        process.stalled_ns = 10**18
+
+    def let_go(self, process: Process) -> None:
+        """Let a process that was held go on."""
+        process.stalled_ns = 0
+        wake = process.wake
+        self.at(0, lambda: self._resume(process, wake))
+
+    def give_up(self, process: Process, error: Exception) -> None:
+        """Let a process's wait raise an error."""
+        self._resume(process, process.wake, error)
+
+    def run(self, until: Callable[[], bool], limit_ns: int, most: int = _MOST_EVENTS) -> None:
         """Take events until something holds. Raises HungError after a time, or too many events."""
-        for _ in range(_MOST_EVENTS):
+        for _ in range(most):
             if until():
                 return
             if not self._events:
@@ -187,7 +212,7 @@ class World:
             when, _, action = heapq.heappop(self._events)
             self.now_ns = max(self.now_ns, when)
             action()
-        raise HungError(f"not over after {_MOST_EVENTS} events")
+        raise HungError(f"not over after {most} events")
 
     def bury(self) -> None:
         """End what still runs, silently."""
