@@ -24,6 +24,7 @@ from .verbs import said, verified
 pytestmark = pytest.mark.graph
 
 
+@pytest.mark.virtual
 @pytest.mark.usefixtures("patient")
 def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     """One controller is deactivated, then another activated, while the plant moves in real time."""
@@ -59,10 +60,12 @@ def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     assert verify(repeated).exit_code == VERIFIED, verify(repeated)
     truth_ns = repeated.joints("/ground_truth/joint_states").stamp_ns
     idle_ns = np.setdiff1d(truth_ns, repeated.joints("/effort_command").stamp_ns)
+    idle_ns = idle_ns[idle_ns < truth_ns[-1]]  # that one may not have been answered
     a, b = turned["/pid", "deactivated"], turned["/fuzzy_pid", "activated"]
     assert idle_ns.tolist() == truth_ns[(truth_ns > a) & (truth_ns <= b)].tolist()
 
 
+@pytest.mark.virtual
 @pytest.mark.usefixtures("patient")
 def test_a_controller_joins_a_run_under_way(children: Children, peer: Peer, tmp_path: Path) -> None:
     """It is active from the first state that it receives, and the recording says so."""
@@ -84,6 +87,7 @@ def test_a_controller_joins_a_run_under_way(children: Children, peer: Peer, tmp_
     assert [turn.stamp_ns for turn in turns] == [-1, first - 1]
 
 
+@pytest.mark.virtual
 def test_a_controller_that_outlives_the_recorder_is_not_held_against_the_run(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
@@ -216,6 +220,7 @@ COMMANDS = f"/{topics.EFFORT_COMMAND}"
 TOPICS = "[effort_command, disturbance]"
 
 
+@pytest.mark.virtual
 def test_two_runs_with_the_same_others(children: Children, peer: Peer) -> None:
     disturbances = peer.hear(topics.DISTURBANCE)
     others = [children.node("pid", "lockstep.enabled:=true"), children.node("disturbance")]
@@ -233,8 +238,9 @@ def test_two_runs_with_the_same_others(children: Children, peer: Peer) -> None:
         assert node.stop() == 0, node.stderr
 
 
+@pytest.mark.virtual
 @pytest.mark.usefixtures("patient")
-@pytest.mark.parametrize("second", [pytest.param("pid", marks=pytest.mark.one_in(8)), "fuzzy_pid"])
+@pytest.mark.parametrize("second", ["pid", "fuzzy_pid"])
 def test_a_controller_that_takes_the_place_of_one_that_ended(
     children: Children, peer: Peer, tmp_path: Path, second: str
 ) -> None:
