@@ -21,7 +21,7 @@ from .peer import Peer
 from .processes import Child, Children
 from .recordings import joints
 
-pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("patient")]
+pytestmark = [pytest.mark.graph, pytest.mark.virtual, pytest.mark.usefixtures("patient")]
 
 ALL = f"wait_for:=[{topics.EFFORT_COMMAND}, {topics.DISTURBANCE}, recorder]"
 # The first state waits for its disturbance, which is pushed.
