@@ -41,6 +41,7 @@ def efforts(truth: list[JointState]) -> dict[int, float]:
     return {stamp_from_ros(m.header.stamp): m.effort[1] for m in truth}
 
 
+@pytest.mark.virtual
 def test_real_time(children: Children, peer: Peer) -> None:
     truth = peer.hear(topics.GROUND_TRUTH)
     simulator = children.node("simulator", f"command_timeout:={TIMEOUT_NS / 1e9}")
@@ -82,6 +83,7 @@ def test_real_time(children: Children, peer: Peer) -> None:
     assert used == list(range(used[0], good_ns + TIMEOUT_NS + 2 * PERIOD_NS, PERIOD_NS))
 
 
+@pytest.mark.virtual
 def test_lockstep(children: Children, peer: Peer) -> None:
     truth = peer.hear(topics.GROUND_TRUTH)
     patient = ("lockstep.enabled:=true", "lockstep.timeout:=3600.0")
@@ -107,6 +109,7 @@ def test_lockstep(children: Children, peer: Peer) -> None:
     assert list(efforts(truth).values()) == [0.0] + [GOOD + k for k in range(5)]
 
 
+@pytest.mark.virtual
 def test_silent_nodes_in_real_time(children: Children, peer: Peer) -> None:
     truth = peer.hear(topics.GROUND_TRUTH)
     nodes = [children.node("pid"), children.node("disturbance")]
