@@ -24,16 +24,8 @@ pytestmark = pytest.mark.graph
 UNCONFIGURED, INACTIVE, ACTIVE = "unconfigured", "inactive", "active"
 
 
-@pytest.mark.parametrize(
-    "node",
-    [
-        "simulator",
-        "disturbance",
-        pytest.param("pid", marks=pytest.mark.one_in(8)),
-        "fuzzy_pid",
-        "recorder",
-    ],
-)
+@pytest.mark.virtual
+@pytest.mark.parametrize("node", ["simulator", "disturbance", "pid", "fuzzy_pid", "recorder"])
 def test_every_transition(children: Children, peer: Peer, tmp_path: Path, node: str) -> None:
     file = ("output:=run.mcap", "overwrite:=true") if node == "recorder" else ()
     child = children.node(node, "autostart:=false", *file)
@@ -68,6 +60,7 @@ def test_every_transition(children: Children, peer: Peer, tmp_path: Path, node: 
         assert Recording.open(tmp_path / "run.mcap").end is not None
 
 
+@pytest.mark.virtual
 def test_a_recorder_that_cannot_be_configured(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
@@ -83,6 +76,7 @@ def test_a_recorder_that_cannot_be_configured(
     assert "'run.mcap' is not allowed: it exists" in child.stderr + child.stdout
 
 
+@pytest.mark.virtual
 def test_the_plant_waits_for_an_inactive_controller(children: Children, peer: Peer) -> None:
     truth = peer.hear(topics.GROUND_TRUTH)
     pid = children.node("pid", "autostart:=false")
@@ -100,6 +94,7 @@ def test_the_plant_waits_for_an_inactive_controller(children: Children, peer: Pe
     assert pid.stop() == 0
 
 
+@pytest.mark.virtual
 def test_deactivating_the_simulator_pauses_the_run(children: Children, peer: Peer) -> None:
     """While the simulator is inactive the run is paused: stamps stand still, then go on."""
     truth = peer.hear(topics.GROUND_TRUTH)
@@ -132,6 +127,7 @@ def test_a_run_whose_recorder_is_managed_by_hand(children: Children, peer: Peer)
     children.none_left()
 
 
+@pytest.mark.virtual
 def test_a_controller_that_nobody_configures(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
@@ -150,6 +146,7 @@ def test_a_controller_that_nobody_configures(
     assert verdict.exit_code == VERIFIED, verdict
 
 
+@pytest.mark.virtual
 @pytest.mark.usefixtures("patient")
 def test_a_recorder_that_was_inactive_for_a_while(
     children: Children, peer: Peer, tmp_path: Path
