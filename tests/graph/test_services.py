@@ -18,7 +18,7 @@ from .processes import Children
 from .recordings import assert_every_step, joints
 from .services import Services
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.virtual]
 
 PERIOD_NS = 5_000_000
 START = pi / 6.0  # rad, the initial angle
