@@ -17,7 +17,7 @@ from trunk_msgs_util.node.conversions import stamp_from_ros, status_to_ros
 from .peer import Peer
 from .processes import Children, until
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.virtual]
 
 
 @pytest.fixture
