@@ -20,7 +20,7 @@ from .peer import Peer
 from .processes import Children
 from .services import Services
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.virtual]
 
 PERIOD_NS = 5_000_000
 
@@ -102,7 +102,7 @@ def test_it_is_recorded_and_judged(children: Children, peer: Peer, tmp_path: Pat
 
     peer.until(lambda: last().get("reference") == 0.2, "it acts")
     peer.until_received(tell)
-    assert [one.stop() for one in (simulator, controller, recorder)] == [0, 0, 0]
+    assert [one.stop() for one in (simulator, controller, recorder)] == [0, 0, 0], recorder.stderr
     recording = Recording.open(tmp_path / "run.mcap")
     told = recording.joints("/balance/reference").column("position", "trunk")
     assert told.tolist() == [0.2]
