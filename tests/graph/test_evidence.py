@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from trunk_msgs_util.samples import JointSample
 from .peer import Peer
 from .processes import Children, until
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.virtual]
 
 
 @pytest.mark.usefixtures("patient")
@@ -31,15 +30,16 @@ def test_a_node_ends_when_its_evidence_is_recorded(
     say = peer.speaker(topics.JOINT_STATES)
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
     until((tmp_path / "run.mcap").exists, "the recorder has begun its file")
-    os.kill(recorder.process.pid, signal.SIGSTOP)
+    recorder.send(signal.SIGSTOP)
     for k in range(10):
         say(JointSample(5_000_000 * k, ("hip", "trunk"), (0.0, 0.1), (0.0, 0.0), (0.0, 0.0)))
     # Who hears what is kept counts as a recorder, and who hears what is live may come late.
     peer.until(lambda: peer.last_diagnostics("pid")["time"] == "0.045", "pid has answered all")
     pid.send(signal.SIGINT)
     peer.until_event("pid", "published")
-    os.kill(recorder.process.pid, signal.SIGCONT)
+    recorder.send(signal.SIGCONT)
     assert pid.wait() == 0, pid.stderr
+    peer.until_recorded(30)  # the states, too
     assert recorder.stop() == 0, recorder.stderr
     recording = Recording.open(tmp_path / "run.mcap")
     assert recording.topics["/pid/state"].count == 10
