@@ -99,6 +99,7 @@ def recorded_once(path: Path) -> Recording:
     return recording
 
 
+@pytest.mark.virtual
 @pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("more", [(), (LOCKSTEP,)], ids=["real time", "lock-step"])
 def test_nodes_started_by_hand_beside_those_of_a_run(
@@ -145,6 +146,7 @@ def test_nodes_started_by_hand_beside_trunk_run(
     assert re.fullmatch(r"incomplete: stopped at t = [\d.]+ s, before its end", lacking)
 
 
+@pytest.mark.virtual
 def test_a_node_may_take_the_place_of_one_that_was_killed(children: Children, peer: Peer) -> None:
     first = children.node("pid")
     peer.until_event("pid", "configured")
@@ -155,6 +157,7 @@ def test_a_node_may_take_the_place_of_one_that_was_killed(children: Children, pe
     assert second.stop() == 0, second.stderr
 
 
+@pytest.mark.virtual
 def test_in_a_namespace_of_its_own_a_node_is_another_one(children: Children, peer: Peer) -> None:
     peer.hear_run("/robot2")
     nodes = [children.node("pid"), children.node("pid", "-r", "__ns:=/robot2", name="second")]
