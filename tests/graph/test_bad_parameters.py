@@ -73,7 +73,7 @@ def refusal(child: Child) -> str:
     return lines[0]
 
 
-@pytest.mark.one_in(2)
+@pytest.mark.virtual
 @pytest.mark.parametrize("executable", WRONG)
 def test_wrong_value(children: Children, executable: str) -> None:
     cases = WRONG[executable]
@@ -132,6 +132,7 @@ NOT_USED = {  # arguments: what nothing uses, and why
 }
 
 
+@pytest.mark.virtual
 @pytest.mark.parametrize("arguments", NOT_USED)
 def test_an_argument_that_nothing_uses(children: Children, arguments: str) -> None:
     node = children.fork("pid", find_executable("trunk_control", "pid"), *arguments.split())
@@ -170,6 +171,7 @@ def test_integer_is_accepted_as_a_double(children: Children, peer: Peer) -> None
     assert all("[INFO]" in line for line in node.stderr.splitlines()), node.stderr
 
 
+@pytest.mark.virtual
 def test_an_existing_recording_is_replaced_only_when_asked(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:

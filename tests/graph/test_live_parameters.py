@@ -36,6 +36,7 @@ def pid(children: Children, peer: Peer) -> Child:
     assert "Traceback" not in node.stderr
 
 
+@pytest.mark.virtual
 def test_parameters_are_described(pid: Child, peer: Peer) -> None:
     gain, low, high, rate, mode, values = Services(peer, "pid").describe(
         "gains.p",
@@ -58,6 +59,7 @@ def test_parameters_are_described(pid: Child, peer: Peer) -> None:
     assert values.type == Parameter.Type.DOUBLE_ARRAY.value
 
 
+@pytest.mark.virtual
 def test_stored_is_active_and_published(pid: Child, peer: Peer) -> None:
     """The test plays the plant: it publishes states and receives the command that answers each."""
     commands, services = peer.hear("effort_command"), Services(peer, "pid")
@@ -103,6 +105,7 @@ def test_stored_is_active_and_published(pid: Child, peer: Peer) -> None:
     assert len([p for p in peer.parameters if p.changed]) == 1
 
 
+@pytest.mark.virtual
 def test_every_refusal_names_what_is_refused(pid: Child, peer: Peer) -> None:
     services = Services(peer, "pid")
     for values, *reasons in (
@@ -146,6 +149,7 @@ def test_every_refusal_names_what_is_refused(pid: Child, peer: Peer) -> None:
     assert services.get("gains.p") == [1.0]
 
 
+@pytest.mark.virtual
 def test_linked_values_and_rules(children: Children, peer: Peer) -> None:
     node = children.node("fuzzy_pid", "rules.kd.NB.PB:=B")
     peer.until_up("fuzzy_pid")

@@ -67,6 +67,7 @@ def test_reliability(
     assert child.stop() == 0, child.stderr
 
 
+@pytest.mark.virtual
 @pytest.mark.parametrize(
     ("policy", "value"), [("reliability", "certain"), ("depth", "deep"), ("history", 7)]
 )
