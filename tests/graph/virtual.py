@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -53,7 +54,15 @@ class Virtual:
         os.chdir(folder)
         (folder / f"{name}.out").touch()
         own_stderr = (folder / f"{name}.err").open("w", 1, errors="backslashreplace")
-        main = nodes.executable(node, command)
+        run = nodes.executable(node, command)
+
+        def main() -> int:
+            try:
+                return run()
+            except Exception:
+                traceback.print_exc()
+                return 1
+
         self._process = rcl.world().start(name, main, {"*": given})
         self._process.renamed = renamed
         self._process.log = _Log(own_stderr)
