@@ -28,7 +28,7 @@ from ..seeds import nodes, rcl
 from ..seeds.world import NS, HungError, Process, World
 from . import processes
 
-_LIMIT_NS = 600 * NS  # virtual
+_LIMIT_NS = 200 * NS  # virtual
 _FIRST = 5_000_000  # a number that no process of Linux has
 _kill = os.kill
 

@@ -149,7 +149,7 @@ class Network:
         one.named.add(process.number)
 
     def _learn(self, one: Endpoint, process: Process, named: bool) -> None:
-        if not one.there or not process.alive or process.number in one.known:
+        if not one.there or not process.alive or process.held or process.number in one.known:
             return
         one.known.add(process.number)
         if named:
@@ -203,7 +203,7 @@ class Network:
 
     def _arrive(self, writer: Writer, reader: Reader, message: Message) -> None:
         """Deliver a message and, as order is kept, those before it, to a reader that knows the writer."""
-        if not reader.there or writer.number not in reader.publishers:
+        if not reader.there or reader.process.held or writer.number not in reader.publishers:
             return
         waiting = writer.under_way.get(reader.number)
         if waiting is None or message not in waiting:
@@ -228,6 +228,13 @@ class Network:
                 self.world.delay(*LATENCY_NS),
                 lambda message=message: self._arrive(writer, reader, message),
             )
+
+    def go_on(self, process: Process) -> None:
+        """Send again what came while a process was held."""
+        for writer in self.writers:
+            for reader in writer.matched.values():
+                if reader.process is process:
+                    self._flush(writer, reader)
 
     def acknowledged(self, writer: Writer) -> bool:
         """Return True if every known reliable subscription has received all that was sent."""

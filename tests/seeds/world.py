@@ -22,6 +22,7 @@ from .story import NS
 
 _LOOK_NS = 1_000  # what it takes to look at the clock
 _MOST_EVENTS = 400_000
+HELD_NS = 10**18  # until it is let go
 
 
 class HungError(Exception):
@@ -54,6 +55,10 @@ class Process:
     @property
     def alive(self) -> bool:
         return self.exit_code is None and not self.crashed
+
+    @property
+    def held(self) -> bool:
+        return self.stalled_ns == HELD_NS
 
     @property
     def identity(self) -> str:
@@ -187,12 +192,14 @@ class World:
             self.network.gone(process, self.delay(2 * NS, 20 * NS))
 
     def hold(self, process: Process) -> None:
-        """Let a process do nothing until it is let go."""
-        process.stalled_ns = 10**18
+        """Let a process do nothing until it is let go, its middleware neither."""
+        process.stalled_ns = HELD_NS
 
     def let_go(self, process: Process) -> None:
         """Let a process that was held go on."""
         process.stalled_ns = 0
+        self.network.joined(process)
+        self.network.go_on(process)
         wake = process.wake
         self.at(0, lambda: self._resume(process, wake))
 
