@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.plan import plan_of
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doctor import examine
 from trunk_experiments.replay.explain import explain
-from trunk_experiments.replay.verify import UNJUDGED, verify
+from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.reader import RecordingError
+from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 from .. import real_time
 from ..real_time import in_frame, record_real_time
@@ -107,6 +110,22 @@ def test_a_controller_that_outlives_the_recorder_is_judged_to_the_end(tmp_path, 
     verdict = verify(copied(source, path, digests=ANEW, provenance=provenance))
     assert not verdict.obstacles, verdict
     assert verdict.judged.startswith("t = 0 to 0.303 s, 304 states")
+
+
+def test_a_state_that_a_controller_missed_is_no_turn_in_a_repetition(in_real_time, tmp_path):
+    """It acted all the time, and kept its memory."""
+    plan = plan_of(RecordedRun.open(in_real_time))
+    given, missed = plan.inputs, [40, 41, 90]
+    command_ns, answered = given.command_ns.copy(), given.answered["pid"]
+    rows = np.flatnonzero(np.isin(command_ns, answered[missed]))
+    command_ns[rows] = answered[39]
+    for row in rows[rows > 60]:
+        command_ns[row] = command_ns[row - 1]
+    given = replace(given, command_ns=command_ns, answered={"pid": np.delete(answered, missed)})
+    record_offline(replace(plan, inputs=given), tmp_path / "again.mcap")
+    verdict = verify(Recording.open(tmp_path / "again.mcap"))
+    assert verdict.exit_code == VERIFIED, verdict
+    assert [check.steps for check in verdict.checks if check.name == "commands of pid"] == [198]
 
 
 WALL = struct.pack("<iI", 1_795_000_000, 0)

@@ -26,7 +26,7 @@ from trunk_sim.step import PlantStatus, at_rest, noisy
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..plans.timeline import Timeline, begins_active
-from .loop import DIVERGED, FELL, LoopState, Surroundings, segment_of
+from .loop import DIVERGED, FELL, LoopState, Surroundings, reads_state, segment_of
 from .loop_inputs import (
     NoiseRows,
     PlannedSchedule,
@@ -298,13 +298,14 @@ class Engine:
         state = self._state._replace(memories=chain_of([c.state for c in controllers]))
         records = {name: c.law.record_names for name, c in self.controllers.items()}
         out = np.empty((stop - first, TERMS + max(map(len, records.values()), default=0)))
+        given = self._given(first, stop)
         inputs = SegmentInputs(
             surroundings,
             state,
             controllers,
             self._noise.rows(first, stop, noisy(surroundings.sensor)),
             self._history,
-            self._given(first, stop),
+            given,
             out,
         )
         if self._code is None:
@@ -313,24 +314,30 @@ class Engine:
         for controller, after in zip(controllers, values_in(self._state.memories), strict=True):
             controller.state = after
         table = out[: self.index - first]
-        acts, turned = self._turns(first, names, before, table[:, ACTIVE].astype(np.int64))
+        active = table[:, ACTIVE].astype(np.int64)
+        acts, turned = self._turns(first, names, before, active, given.reads)
         fallen = table[:, FALLEN] != 0.0
         falls = np.flatnonzero(fallen & ~np.append(self._fallen, fallen[:-1])[: len(fallen)])
         self._fallen = bool(fallen[-1]) if len(fallen) else self._fallen
         return States(first, table, acts, turned, falls.tolist(), records), why
 
     def _turns(
-        self, first: int, names: list[str], before: list[bool], active: Any
+        self, first: int, names: list[str], before: list[bool], active: Any, reads: Any
     ) -> tuple[list[tuple[int, str]], list[tuple[int, str, bool]]]:
         """Return which controller answers from which row on, and the turns of the schedule, by row.
 
+        A state that a controller was not given (``reads``) turns nothing, and is answered by nobody.
         Raises PlanError unless exactly one is active, or none in a run that was changed by hand.
         """
         acts: list[tuple[int, str]] = []
         turned: list[tuple[int, str, bool]] = []
         last = sum(1 << place for place, active in enumerate(before) if active)
-        changes = np.flatnonzero(np.diff(active, prepend=last)).tolist()
-        for row in sorted({0, *changes}) if len(active) else ():
+        changes = {0, *np.flatnonzero(np.diff(active, prepend=last)).tolist()}
+        if reads is not None and len(reads):
+            changes.update(
+                (np.flatnonzero(np.diff(reads[: len(active)], axis=0).any(1)) + 1).tolist()
+            )
+        for row in sorted(changes) if len(active) else ():
             mask = int(active[row])
             acting = [name for place, name in enumerate(names) if mask >> place & 1]
             expected = self._record is not None or first < self._given_states
@@ -342,12 +349,10 @@ class Engine:
                     "exactly one must act at any time; see active.times"
                 )
             acts.append((row, acting[0] if acting else ""))
-            turned += [
-                (row, name, bool(mask >> place & 1))
-                for place, name in enumerate(names)
-                if (mask ^ last) >> place & 1
-            ]
-            last = mask
+            for place, name in enumerate(names):
+                if (mask ^ last) >> place & 1 and reads_state(row, place, reads):
+                    turned.append((row, name, bool(mask >> place & 1)))
+                    last ^= 1 << place
         return acts, turned
 
 
