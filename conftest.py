@@ -15,6 +15,7 @@ A test that hangs is ended after the `timeout` of pyproject.toml, whose seconds 
 
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import shutil
@@ -71,17 +72,33 @@ def _find_browser() -> str | None:
     return None
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """Yield a headless Chromium; tests that need one carry the mark of this name."""
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[tuple[Any, Any]]:
+    """Yield a headless Chromium, started once, and the event loop in which it is asked; none is running."""
     playwright = pytest.importorskip("playwright.sync_api")
     path = _find_browser()
     if path is None:
         pytest.skip("Chromium: scripts/browser.sh installs it, or says why not")
     with playwright.sync_playwright() as driver:
         started = driver.chromium.launch(executable_path=path, args=_ARGUMENTS)
-        yield started
+        loop = asyncio.get_running_loop()
+        asyncio._set_running_loop(None)
+        yield started, loop
+        asyncio._set_running_loop(loop)
         started.close()
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: tuple[Any, Any]) -> Iterator[Any]:
+    """Yield a headless Chromium; tests that need one carry the mark of this name.
+
+    Playwright's loop waits in a greenlet: it is the running one only for modules with a browser, so that others
+    can run their own.
+    """
+    started, loop = chromium
+    asyncio._set_running_loop(loop)
+    yield started
+    asyncio._set_running_loop(None)
 
 
 @pytest.fixture
