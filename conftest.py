@@ -92,8 +92,8 @@ def chromium() -> Iterator[tuple[Any, Any]]:
 def browser(chromium: tuple[Any, Any]) -> Iterator[Any]:
     """Yield a headless Chromium; tests that need one carry the mark of this name.
 
-    Playwright's loop waits in a greenlet: it is the running one only for modules with a browser, so that others
-    can run their own.
+    Playwright's loop waits in a greenlet: it is the running one only in modules with a browser, so that
+    others can run their own.
     """
     started, loop = chromium
     asyncio._set_running_loop(loop)
