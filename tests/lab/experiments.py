@@ -1,4 +1,4 @@
-"""Random experiments of a lab, and the runs that they mean to CPython and numba."""
+"""Labs, each made once; random experiments of one, and the runs that they mean to CPython and numba."""
 
 from __future__ import annotations
 
@@ -6,16 +6,23 @@ import json
 import random
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
+from hashlib import blake2b
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from click.testing import CliRunner
+from ros2_ws.src.trunk_experiments.test.c_programs import made_once
 
+from trunk_experiments.commands.lab import command
 from trunk_experiments.console.plan_options import HAND
+from trunk_experiments.lab import wasm
 from trunk_experiments.lab.data import lab_of
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.plans.timeline import Change
@@ -39,11 +46,40 @@ def plans_of(
     return {law: make_plan(scenario, law, (), settings, {}, below=HAND) for law in laws}
 
 
+@cache
+def _made_of() -> str:
+    """Return a digest of all that makes a lab: the packages' files, the compiler, Python."""
+    digest = blake2b(sys.version.encode())
+    packages = HERE.parents[1] / "ros2_ws" / "src"
+    for path in sorted(packages.glob("trunk_*/**/*")):
+        place = path.relative_to(packages)
+        if path.is_file() and not {"test", "__pycache__"} & set(place.parts):
+            digest.update(f"{place}\0".encode() + path.read_bytes())
+    digest.update(subprocess.check_output([*wasm._compiler(), "--version"]))
+    return digest.hexdigest()
+
+
 def lab_for(plans: Mapping[str, RunPlan]) -> dict[str, Any]:
     """Return the data of a lab as its page has them."""
     commands = {law: ["trunk", "simulate", plan.scenario] for law, plan in plans.items()}
-    data: dict[str, Any] = json.loads(json.dumps(lab_of(plans, commands)))
+    of = "data", _made_of(), plans, commands
+    data: dict[str, Any] = json.loads(
+        made_once(of, lambda: json.dumps(lab_of(plans, commands)).encode())
+    )
     return data
+
+
+def page_of(*words: str) -> bytes:
+    """Return the page that `trunk lab` writes."""
+
+    def made() -> bytes:
+        with tempfile.TemporaryDirectory(prefix="trunk-lab-") as folder:
+            path = Path(folder, "lab.html")
+            done = CliRunner().invoke(command, [*words, "-o", str(path)], catch_exceptions=False)
+            assert done.exit_code == 0, done.output
+            return path.read_bytes()
+
+    return made_once(("page", _made_of(), words), made)
 
 
 def random_setup(lab: Mapping[str, Any], law: str, seed: int) -> Setup:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from hashlib import blake2b
 from math import isnan
@@ -34,8 +34,20 @@ _CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tru
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 
 
+def made_once(of: object, make: Callable[[], bytes]) -> bytes:
+    """Return what ``make`` gives, or gave before: of the same, as the text of ``of`` says."""
+    kept = _CACHE / blake2b(repr(of).encode(), digest_size=16).hexdigest()
+    if not kept.exists():
+        made = make()
+        _CACHE.mkdir(parents=True, exist_ok=True)
+        with NamedTemporaryFile(dir=_CACHE, delete=False) as part:
+            part.write(made)
+        Path(part.name).replace(kept)
+    return kept.read_bytes()
+
+
 def compiled_once(command: Sequence[str | Path], output: Path) -> str:
-    """Run a compiler's command with ``-o output``, or copy what the same gave before; return what it says.
+    """Run a compiler's command with ``-o output``, or write what the same gave before; return what it says.
 
     The same: the same compiler and flags, and sources and headers beside them with the same contents.
     """
@@ -44,18 +56,19 @@ def compiled_once(command: Sequence[str | Path], output: Path) -> str:
     words = [Path(word).name if Path(word) in files else str(word) for word in command]
     said = _version(str(command[0]))
     same = said, words, [file.read_bytes() for file in (*files, *texts)]
-    kept = _CACHE / blake2b(repr(same).encode(), digest_size=16).hexdigest()
-    if not kept.exists():
+
+    def compiled() -> bytes:
         words = [*map(str, command), "-o", str(output)]
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
-        if done.returncode:
-            return done.stderr or f"exit code {done.returncode}"
-        _CACHE.mkdir(parents=True, exist_ok=True)
-        with NamedTemporaryFile(dir=_CACHE, delete=False) as part:
-            shutil.copy(output, part.name)
-        Path(part.name).replace(kept)
+        subprocess.run(words, capture_output=True, text=True, check=True)
+        return output.read_bytes()
+
+    try:
+        binary = made_once(same, compiled)
+    except subprocess.CalledProcessError as error:
+        return error.stderr or str(error)
     output.unlink(missing_ok=True)  # a library may be loaded
-    shutil.copy(kept, output)
+    output.write_bytes(binary)
+    output.chmod(0o755)
     return ""
 
 
