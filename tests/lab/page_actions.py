@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 
-DESK, PHONE = {"width": 1400, "height": 900}, {"width": 390, "height": 844}
+WHOLE = "html[data-ready][data-whole]"
 SETUP = "() => JSON.stringify(wire.setup)"
 # All bits of the runs' tables, up to a state, as a number each.
 TABLES = """(states) => wire.engines.map(({ table, count, width }) => {
@@ -18,7 +18,7 @@ CELL = "#tables .rule-table:first-child tbody tr:nth-child(4) td:nth-child(5) bu
 
 
 def whole(page):
-    page.wait_for_selector("html[data-ready][data-whole]")
+    page.wait_for_selector(WHOLE)
 
 
 def setup(page):

@@ -29,13 +29,10 @@ def page(tmp_path_factory):
     return path, experiments, expected
 
 
-def test_chromium_computes_the_same_bits(page, browser):
+def test_chromium_computes_the_same_bits(page, opened_page):
     path, experiments, expected = page
-    with browser.new_context(bypass_csp=True) as context:
-        context.set_default_timeout(0)  # pytest has one
-        tab = context.new_page()
-        tab.goto(path.as_uri())
-        assert in_page(tab.evaluate, experiments) == expected
+    tab = opened_page(path, bypass_csp=True)
+    assert in_page(tab.evaluate, experiments) == expected
 
 
 @pytest.mark.skipif(PROGRAM is None, reason="Firefox: apt-get install firefox-esr")

@@ -6,8 +6,6 @@ import json
 
 import pytest
 
-from trunk_experiments.lab.wasm import missing_tools
-
 from .page_actions import (
     CELL,
     P_MAX,
@@ -20,18 +18,7 @@ from .page_actions import (
     whole,
 )
 
-pytestmark = [
-    pytest.mark.skipif(bool(missing_tools()), reason=missing_tools()),
-    pytest.mark.browser,
-]
-
-
-@pytest.mark.parametrize(("width", "height"), [(1200, 760), (1280, 800), (1366, 768), (1920, 1080)])
-def test_the_trunks_are_seen_on_every_screen(opened, width, height):
-    page = opened({"width": width, "height": height})
-    box = page.locator("#scene").bounding_box()
-    assert box["height"] >= 150
-    assert box["y"] + box["height"] <= height
+pytestmark = pytest.mark.browser
 
 
 @pytest.mark.parametrize("pane", [0, 1])
@@ -87,39 +74,6 @@ def test_a_knob_and_a_rule_are_changed_and_taken_back(opened):
     whole(page)
     assert page.evaluate(TABLES) == before
     assert page.locator("#reset-all").is_disabled()
-
-
-def test_a_rule_table_is_one_stop_of_the_tab_key(opened):
-    page = opened()
-    at = """() => {
-      const cell = document.activeElement.closest('td');
-      return [[...document.querySelectorAll('#tables table')].indexOf(cell?.closest('table')),
-        cell?.parentElement.rowIndex, cell?.cellIndex]; }"""
-    assert page.locator("#tables [role=grid]").count() == 3
-    assert page.locator("#tables button[tabindex='0']").count() == 3
-    page.focus("#collect")
-    page.keyboard.press("Tab")
-    assert page.evaluate(at) == [0, 1, 1]
-    time = page.evaluate("() => { view.freeze(true); return view.time; }")
-    for key, place in (
-        ("ArrowRight", [0, 1, 2]),
-        ("ArrowDown", [0, 2, 2]),
-        ("End", [0, 2, 7]),
-        ("ArrowRight", [0, 2, 7]),
-        ("Home", [0, 2, 1]),
-        ("ArrowLeft", [0, 2, 1]),
-        ("Control+End", [0, 7, 7]),
-        ("ArrowUp", [0, 6, 7]),
-        ("Tab", [1, 1, 1]),
-        ("Shift+Tab", [0, 6, 7]),
-        ("Control+Home", [0, 1, 1]),
-    ):
-        page.keyboard.press(key)
-        assert page.evaluate(at) == place, key
-    assert page.evaluate("() => view.time") == time, "the keys are the table's alone"
-    page.keyboard.press("Enter")
-    page.wait_for_selector("#tables td[data-edited]")
-    assert page.evaluate(at) == [0, 1, 1]
 
 
 def test_what_is_refused_says_why_and_changes_nothing(opened, lab):
@@ -185,26 +139,6 @@ def test_what_if_from_here(opened):
     assert page.evaluate(TABLES) == original
     assert seed.is_enabled()
     assert "before the branch" not in page.inner_text("#strip-angle figcaption")
-
-
-def test_the_time_is_sought_by_bar_keys_and_chart(opened):
-    page = opened()
-    seek(page, 1.5)
-    page.wait_for_function("() => document.getElementById('time').textContent === '1.50 s'")
-    for key, time in (
-        ("ArrowRight", 1.51),
-        ("Shift+ArrowLeft", 1.41),
-        (".", 1.411),
-        ("End", 3.0),
-        ("Home", 0.0),
-    ):
-        page.keyboard.press(key)
-        assert page.evaluate("() => view.time") == pytest.approx(time, abs=1e-9), key
-    box = page.locator("#strip-angle .u-over").bounding_box()
-    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    assert page.evaluate("() => view.time") == pytest.approx(1.5, abs=0.02)
-    page.keyboard.press(" ")
-    page.wait_for_function("() => view.time > 1.8 && view.playing")
 
 
 def test_a_page_that_slept_does_not_jump(opened):

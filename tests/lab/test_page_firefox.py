@@ -5,15 +5,10 @@ from __future__ import annotations
 import json
 
 import pytest
-from click.testing import CliRunner
-
-from trunk_experiments.commands.lab import command
-from trunk_experiments.lab.wasm import missing_tools
 
 from .firefox import PROGRAM, Firefox
 
 pytestmark = [
-    pytest.mark.skipif(bool(missing_tools()), reason=missing_tools()),
     pytest.mark.skipif(PROGRAM is None, reason="Firefox: apt-get install firefox-esr"),
     pytest.mark.browser,
     pytest.mark.slow,
@@ -25,15 +20,6 @@ TIP = """(() => {
   return [box.left + tip[0], box.top + tip[1]].map(Math.round); })()"""
 BITS = """wire.engines.map(({ table, count, width }) => new Uint32Array(table.buffer, 0, 2 * width * count)
   .reduce((sum, word) => Math.imul(sum ^ word, 16777619) >>> 0, 2166136261))"""
-
-
-@pytest.fixture(scope="module")
-def path(tmp_path_factory):
-    path = tmp_path_factory.mktemp("lab") / "lab.html"
-    words = ["fig8", "--duration", "3", "-o", str(path)]
-    done = CliRunner().invoke(command, words, catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    return path
 
 
 @pytest.fixture

@@ -5,25 +5,11 @@ from __future__ import annotations
 import shlex
 
 import pytest
+from ros2_ws.src.trunk_experiments.test.page_driver import NARROW, PHONE
 
-from trunk_experiments.lab.wasm import missing_tools
+from .page_actions import CELL, copied, pulled, saved, seek, set_gain, whole
 
-from .page_actions import (
-    CELL,
-    DESK,
-    PHONE,
-    copied,
-    pulled,
-    saved,
-    seek,
-    set_gain,
-    whole,
-)
-
-pytestmark = [
-    pytest.mark.skipif(bool(missing_tools()), reason=missing_tools()),
-    pytest.mark.browser,
-]
+pytestmark = pytest.mark.browser
 
 
 def test_commands_are_those_of_the_experiment(opened, lab):
@@ -111,66 +97,19 @@ def test_a_run_that_diverges_says_so(opened):
     assert "DIVERGED" not in page.inner_text("#doubts")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_on_a_desk_all_is_on_one_screen(opened, scheme):
-    page = opened(color_scheme=scheme)
-    page.click("#branch")
-    page.wait_for_selector(".chip")
-    whole(page)
-    assert page.evaluate("() => document.documentElement.scrollHeight <= innerHeight")
-    assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
-    assert page.locator("#live-charts .chart").count() == 5
-
-
-@pytest.mark.parametrize("viewport", [PHONE, {"width": 320, "height": 640}], ids=["390", "320"])
-def test_on_a_phone_nothing_is_wider_than_the_screen(opened, viewport):
-    page = opened(viewport, has_touch=True)
-    page.evaluate("() => document.querySelectorAll('details').forEach((d) => { d.open = true; })")
-    assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
-    box = page.locator("#scene").bounding_box()
-    assert box["y"] < 500, "the trunks are in sight"
+def test_on_a_phone_nothing_is_wider_than_the_screen(opened):
+    page = opened(PHONE, has_touch=True)
+    for viewport in ({"width": 320, "height": 640}, PHONE):
+        page.set_viewport_size(viewport)
+        assert page.locator("#scene").bounding_box()["y"] < 500, "the trunks are in sight"
     page.click("#tab-numbers")
     page.evaluate("() => edits.set('disturbance', { 'pulse.magnitude': 0 })")
     page.wait_for_selector("#numbers .star")
     page.evaluate("() => { document.querySelector('#numbers table').style.width = '800px'; }")
     page.click("#copy-commands")
-    assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
-
-
-def test_reduced_motion_waits_for_a_hand(opened):
-    page = opened(reduced_motion="reduce")
-    assert page.evaluate("() => [view.playing, view.time]") == [False, 0]
-    page.click("#play")
-    page.wait_for_function("() => view.time > 0.1")
-
-
-LOOKS = [(DESK, "light"), (DESK, "dark"), (PHONE, "light"), (PHONE, "dark")]
-
-
-@pytest.mark.parametrize(("viewport", "scheme"), LOOKS, ids=["desk", "dark", "phone", "phone-dark"])
-def test_axe_has_no_complaint(browser, path, viewport, scheme):
-    pytest.importorskip(
-        "axe_playwright_python", reason="axe-playwright-python: scripts/bootstrap.sh"
-    )
-    from axe_playwright_python.sync_playwright import Axe
-
-    with browser.new_context(viewport=viewport, color_scheme=scheme, bypass_csp=True) as context:
-        context.set_default_timeout(0)
-        page = context.new_page()
-        page.goto(path.as_uri())
-        whole(page)
-        page.evaluate(
-            "() => { document.documentElement.dataset.whole = 'true'; view.freeze(true); }"
-        )
-        for prepare in ("#branch", "#tab-numbers", "#save-experiment", "#copy-commands"):
-            page.click(prepare)
-            whole(page)
-            page.evaluate(  # the darkest a cell can be
-                "() => document.querySelector('.rule-table td').style.setProperty('--weight', 1)"
-            )
-            found = Axe().run(page).response
-            assert [rule["id"] for rule in found["violations"]] == [], prepare
-            assert len(found["passes"]) > 15
+    for width in (390, 320):
+        page.set_viewport_size({"width": width, "height": 640})
+        assert page.evaluate(NARROW), width
 
 
 def run(trunk, words):
@@ -259,7 +198,7 @@ NUMBERS = """() => [...strips.made.values()].map(({ kind, plot, title }) =>
 
 
 def test_each_axis_has_two_numbers_whatever_spikes(opened):
-    page = opened(viewport=DESK)
+    page = opened()
     page.wait_for_function(
         "() => [...strips.made.values()].every(({ plot }) => plot.data[0].length)"
     )
@@ -290,26 +229,3 @@ def test_states_are_saved_as_csv_for_those_who_have_only_a_browser(opened, tmp_p
     assert len(rows) == 3001
     assert rows[-1].startswith("3,")
     assert "all 3001 states of the run of fuzzy_pid" in page.inner_text("#saved")
-
-
-def test_paper_has_the_whole_run_on_one_page(opened):
-    page = opened(color_scheme="dark")
-    page.evaluate(
-        """() => addEventListener("beforeprint", () => queueMicrotask(() => {
-            window.printed = [...strips.made.values()].map(({ target, plot }) => ({
-                room: target.clientWidth, width: plot.width, ink: plot.axes[0].stroke(),
-                last: plot.data[0].at(-1), canvas: plot.ctx.canvas.clientWidth,
-            }));
-            const { canvas } = scene;
-            window.stretched = canvas.width / canvas.clientWidth - canvas.height / canvas.clientHeight;
-        }))"""
-    )
-    page.evaluate("() => wire.take({ ...wire.setup, pushes: [[1e9, 20, 0], [1.1e9, 0, 0]] })")
-    pages = page.pdf(format="A4").count(b"/Type /Page\n")
-    assert pages == 1
-    for chart in page.evaluate("() => window.printed"):
-        assert chart["width"] == chart["room"] == chart["canvas"] < 184 / 25.4 * 96  # mm to pixels
-        assert chart["ink"] == "#000"
-        assert chart["last"] == pytest.approx(3.0)
-    assert abs(page.evaluate("() => window.stretched")) < 0.02
-    page.wait_for_function("() => strips.made.get('angle').plot.axes[0].stroke() !== '#000'")

@@ -7,14 +7,10 @@ import json
 import pytest
 
 from trunk_experiments.analysis.metrics import QUANTITIES
-from trunk_experiments.lab.wasm import missing_tools
 
-from .page_actions import DESK, saved, seek, whole
+from .page_actions import saved, seek, whole
 
-pytestmark = [
-    pytest.mark.skipif(bool(missing_tools()), reason=missing_tools()),
-    pytest.mark.browser,
-]
+pytestmark = pytest.mark.browser
 NO_PULSES = "() => edits.set('disturbance', { 'pulse.magnitude': 0 })"
 # The words in the picture of the trunks.
 DRAWN = """() => {
@@ -36,7 +32,7 @@ def marked(page):
 
 
 def test_what_acts_is_said_and_marked(opened):
-    page = opened(DESK, reduced_motion="reduce")
+    page = opened(reduced_motion="reduce")
     assert page.inner_text("#acts").startswith(
         "At 1 s: +100° on the measured angle, for 0.1 s. Reference: 0°. There is no ground: "
     )
@@ -65,7 +61,7 @@ def test_what_acts_is_said_and_marked(opened):
 
 
 def test_a_fall_stays_in_words_until_its_run_is_replaced(opened):
-    page = opened(DESK, reduced_motion="reduce")
+    page = opened(reduced_motion="reduce")
     seek(page, 3.0)  # long after it
     names = page.locator("#controllers label")
     assert names.all_text_contents() == ["pid fell", "fuzzy_pid fell"]

@@ -15,6 +15,7 @@ from trunk_msgs_util.recording.schemas import parameter_event
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 
 from ...trunk_msgs_util.test.mcap_files import ANEW, content, write_file
+from .page_driver import opened, reported, without_pictures  # noqa: F401
 from .verbs import furnish
 
 
@@ -94,28 +95,3 @@ def recordings_here(tmp_path, monkeypatch, furnished):
     shutil.copytree(furnished, tmp_path, symlinks=True, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-@pytest.fixture
-def opened(new_page):
-    """Return a function that opens a report; at the end there must be no requests and no console errors."""
-    pages, requests = [], []
-
-    def go(path, viewport=None, **options):
-        page = new_page(viewport=viewport or {"width": 1440, "height": 900}, **options)
-        pages.append(page)
-
-        def answer(route):
-            requests.append(route.request.url)
-            if route.request.url == path.as_uri():
-                route.continue_()
-            else:
-                route.abort()
-
-        page.context.route("**/*", answer)
-        page.goto(path.as_uri())
-        page.wait_for_selector("html[data-ready]")
-        return page
-
-    yield go
-    assert len(requests) == len(pages), requests  # each page itself, and nothing more

@@ -105,13 +105,10 @@ def test_a_pulse_on_one_run_is_known_as_its_own(short_run):
     assert [pulse["runs"] for pulse in report_data.report_data([one, other])["pulses"]] == [[0]]
 
 
-def test_a_long_run_holds_least_and_greatest_values_and_says_so(
-    opened, views, tmp_path, monkeypatch
-):
+def test_a_long_run_holds_least_and_greatest_values_and_says_so(reported, views, monkeypatch):
     monkeypatch.setattr(report_data, "_EXACT_ROWS", 100)
     monkeypatch.setattr(report_data, "_BINNED_ROWS", 200)
-    write(make_report(views[:1]), tmp_path / "long.html")
-    page = opened(tmp_path / "long.html")
+    page = reported(views[:1])
     assert "of each 14 states" in page.inner_text(".binned strong")
     table = views[0].table
     for name, values in {"torque": table.torque, "theta": table.theta}.items():
@@ -124,11 +121,10 @@ def test_a_long_run_holds_least_and_greatest_values_and_says_so(
     assert (times[0], times[-1]) == (table.t[0], table.t[-1])
 
 
-def test_runs_of_different_rates_keep_their_own_states(opened, views, short_run, tmp_path):
+def test_runs_of_different_rates_keep_their_own_states(reported, views, short_run):
     slow = short_run("fig8", "pid", settings=("simulator.update_rate=500", "pid.update_rate=500"))
     other = RunView.read(RecordedRun.open(slow))
-    write(make_report([views[0], other]), tmp_path / "rates.html")
-    page = opened(tmp_path / "rates.html")
+    page = reported([views[0], other])
     page.evaluate("() => view.zoom(0.2, 0.5)")
     found = [(t, y) for label, t, y in drawn(page, "angle") if "fig8-pid" in label]
     for view, (times, values) in zip((views[0], other), found, strict=True):
@@ -230,32 +226,8 @@ def test_events_are_named_once_above_the_curves_of_the_first_chart(opened, file)
     assert "an operator pushes" in page.inner_text("#strip-angle figcaption")
 
 
-def test_paper_has_whole_charts_in_its_own_width_and_colours(opened, file):
-    page = opened(file, color_scheme="dark")
-    page.evaluate(
-        """() => addEventListener("beforeprint", () => queueMicrotask(() => {
-            window.printed = [...strips.made.values()].map(({ target, plot }) => ({
-                room: target.clientWidth, width: plot.width,
-                ink: plot.axes[0].stroke(), rows: plot.data[0].length,
-                fine: plot.ctx.canvas.width / plot.width, range: [plot.scales.x.min, plot.scales.x.max],
-            }));
-        }))"""
-    )
-    before = page.evaluate("() => strips.made.get('angle').plot.width")
-    page.pdf(format="A4")
-    for chart in page.evaluate("() => window.printed"):
-        assert chart["width"] == chart["room"] < 184 / 25.4 * 96  # mm to pixels
-        assert chart["ink"] == "#000"
-        assert chart["range"] == [0, 1.3]
-        assert chart["rows"] > 500
-        assert chart["fine"] >= 2.0
-    page.wait_for_function("(wide) => strips.made.get('angle').plot.width === wide", arg=before)
-    assert page.evaluate("() => strips.made.get('angle').plot.axes[0].stroke()") == "#e9ecef"
-
-
-def test_everything_is_drawn_once_the_page_has_loaded(browser, file):
-    context = browser.new_context()
-    page = context.new_page()
+def test_everything_is_drawn_once_the_page_has_loaded(new_page, file):
+    page = new_page()
     page.add_init_script(
         """addEventListener("load", () => {
             const drawn = [...strips.made.values()].every(({ plot }) => plot.data[0].length);
@@ -265,17 +237,16 @@ def test_everything_is_drawn_once_the_page_has_loaded(browser, file):
     page.goto(file.as_uri())
     assert page.wait_for_function("() => window.atLoad").json_value() == ["true", True]
     assert page.locator("iframe").count() == 0
-    context.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_eight_runs_are_told_apart_by_eye_and_by_keys(opened, views, tmp_path, scheme):
-    if not (path := tmp_path.parent / "eight.html").exists():
-        write(make_report([views[0]] * 8), path)
-    page = opened(path, color_scheme=scheme)
-    looks = page.evaluate("() => known.runs.map((_, i) => `${runColor(i)} ${runDash(i)}`)")
-    assert len({look.split()[0] for look in looks}) == 8
-    assert page.evaluate(STOPS) <= 40
-    for selector in (".key", ".toggle", ".readout dd", ".num", ".binned", ".png"):
-        ratios = page.evaluate(CONTRASTS, selector)
-        assert min(ratios, default=0.0) >= 4.5, selector
+def test_eight_runs_are_told_apart_by_eye_and_by_keys(opened, views, tmp_path):
+    write(make_report([views[0]] * 8), tmp_path / "eight.html")
+    page = opened(tmp_path / "eight.html")
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        looks = page.evaluate("() => known.runs.map((_, i) => `${runColor(i)} ${runDash(i)}`)")
+        assert len({look.split()[0] for look in looks}) == 8
+        assert page.evaluate(STOPS) <= 40
+        for selector in (".key", ".toggle", ".readout dd", ".num", ".binned", ".png"):
+            ratios = page.evaluate(CONTRASTS, selector)
+            assert min(ratios, default=0.0) >= 4.5, selector

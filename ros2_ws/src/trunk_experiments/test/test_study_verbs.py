@@ -25,6 +25,8 @@ from trunk_experiments.study.results import METRICS, Results
 from trunk_experiments.study.study import parse_study
 from trunk_experiments.study.sweep import SweepJob, processes
 
+from .page_driver import NARROW, PHONE
+
 STUDY = """
 scenario: fig6
 rate: 100
@@ -198,15 +200,11 @@ def test_the_verb_writes_the_report(swept, tmp_path, command_says):
 
 
 @pytest.mark.browser
-def test_the_page_asks_for_nothing_and_fits_a_phone(new_page, page, tmp_path):
+def test_the_page_asks_for_nothing_and_fits_a_phone(opened, page, tmp_path):
     file = tmp_path / "page.html"
     file.write_text(page, encoding="utf-8")
-    asked = []
-    view = new_page(viewport={"width": 390, "height": 844})
-    view.on("request", lambda request: asked.append(request.url.split(",")[0]))
-    view.goto(file.as_uri())
-    assert set(asked) <= {file.as_uri(), "data:image/png;base64"}
-    assert view.evaluate("document.documentElement.scrollWidth") == 390
+    view = opened(file, PHONE, "img")
+    assert view.evaluate(NARROW)
     heights = view.eval_on_selector_all("img", "all => all.map((one) => one.naturalHeight)")
     assert all(heights)
     view.emulate_media(color_scheme="dark")
