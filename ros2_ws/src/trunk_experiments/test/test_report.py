@@ -85,8 +85,13 @@ def views(short_run):
 
 
 @pytest.fixture(scope="module")
-def page(views):
-    return Page(render(make_report(views)))
+def report(views):
+    return make_report(views)
+
+
+@pytest.fixture(scope="module")
+def page(report):
+    return Page(render(report))
 
 
 @given(st.lists(st.tuples(st.floats(), st.floats()), min_size=1, max_size=20))
@@ -125,6 +130,7 @@ def test_bins_keep_the_least_and_the_greatest_in_their_order(values, size):
         assert (pair[0] == known.min()) == (first <= last)
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_long_runs_are_reduced_and_say_so(views, monkeypatch):
     monkeypatch.setattr(report_data, "_EXACT_ROWS", 100)
     monkeypatch.setattr(report_data, "_BINNED_ROWS", 200)
@@ -168,6 +174,7 @@ def test_the_page_holds_every_value_of_every_run(views, page):
     assert pulse["runs"] == [0, 1]
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_runs_of_one_reference_share_its_line(views, short_run):
     own = view_of(short_run("fig7", "pid", settings=("pid.reference.step_time=0.5",)))
     data = make_report([*views, own]).data
@@ -179,6 +186,7 @@ def test_every_controller_is_offered_for_a_branch(page):
     assert f"with any controller ({', '.join(CONTROLLERS)}) and any" in " ".join(page.words)
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_the_page_has_each_runs_path(views, page, short_run):
     settings = ("simulator.path.cosines=[0.05]", "simulator.path.sines=[0.0, 0.1]")
     own = view_of(short_run("fig8", "pid", duration=0.2, settings=settings))
@@ -188,8 +196,8 @@ def test_the_page_has_each_runs_path(views, page, short_run):
     assert page.data["runs"][0]["world"]["path"] == path | {"harmonics": []}
 
 
-def test_planes_are_pictures_with_their_axes(views):
-    planes, surfaces = make_report(views).pictures
+def test_planes_are_pictures_with_their_axes(views, report):
+    planes, surfaces = report.pictures
     assert [axes["of"] for axes in planes.axes] == [["x", "height"], ["theta", "theta_dot"]]
     assert [axes["runs"] for axes in planes.axes] == [[0, 1], [0, 1]]
     assert [axes["runs"] for axes in surfaces.axes] == [[1], [1], [1]]
@@ -231,6 +239,7 @@ def test_rules_are_counted_as_the_inference_fires_them(inputs):
     assert times_fired(*np.array(inputs).T, *rules[:2]) == expected.tolist()
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_an_operators_pushes_are_spans_with_their_greatest_values(tmp_path):
     settings = ("simulator.operator.torque=80.0", "simulator.operator.timeout=0.1")
     plan = make_plan("fig6", "pid", settings=settings, everywhere={"duration": 0.6})
@@ -303,8 +312,9 @@ def test_damage_is_reported(short_run, tmp_path):
     assert wanted[0] in words
 
 
-def test_doubts_come_first_and_a_sound_run_has_no_warnings(views, short_run):
-    told = [section.warnings for section in make_report(views).runs]
+@pytest.mark.usefixtures("without_pictures")
+def test_doubts_come_first_and_a_sound_run_has_no_warnings(report, short_run):
+    told = [section.warnings for section in report.runs]
     assert [len(lines) for lines in told] == [1, 1]
     assert all(lines[0].startswith("FELL: at t = 1.0") for lines in told)
     sound = make_report([view_of(short_run("fig6", "pid"))])
