@@ -226,8 +226,11 @@ def test_events_are_named_once_above_the_curves_of_the_first_chart(opened, file)
     assert "an operator pushes" in page.inner_text("#strip-angle figcaption")
 
 
-def test_everything_is_drawn_once_the_page_has_loaded(new_page, file):
-    page = new_page()
+def test_everything_is_drawn_once_the_page_has_loaded(browser, file):
+    context = (
+        browser.new_context()
+    )  # the script fails in the frame that the page has while it loads
+    page = context.new_page()
     page.add_init_script(
         """addEventListener("load", () => {
             const drawn = [...strips.made.values()].every(({ plot }) => plot.data[0].length);
@@ -237,6 +240,7 @@ def test_everything_is_drawn_once_the_page_has_loaded(new_page, file):
     page.goto(file.as_uri())
     assert page.wait_for_function("() => window.atLoad").json_value() == ["true", True]
     assert page.locator("iframe").count() == 0
+    context.close()
 
 
 def test_eight_runs_are_told_apart_by_eye_and_by_keys(opened, views, tmp_path):
