@@ -42,6 +42,20 @@ def test_requests_are_answered_and_refusals_passed_on_word_for_word():
     serving(test)
 
 
+def test_a_request_that_fails_unforeseen_is_answered_too():
+    async def test(served):
+        async def ask(client, asked):
+            raise KeyError("pid")
+
+        served.feed.ask = ask
+        page = await served.connect()
+        page.write_message('{"kind": "swap", "to": "pid", "number": 1}')
+        answer = await words(page, "answer")
+        assert (answer["ok"], answer["text"]) == (False, "swap failed: KeyError('pid')")
+
+    serving(test)
+
+
 def test_a_stoppable_run_is_stopped_from_the_page():
     async def test(served):
         page = await served.connect()
@@ -242,6 +256,19 @@ def test_only_what_may_be_done_twice_is_asked_again(node, monkeypatch, kind, nam
     kind = getattr(node, kind)
     asyncio.run(node.GraphRequests(graph, None, "").call(kind, name, kind.Request()))
     assert (client.call_async.call_count > 1) == again
+
+
+def test_a_node_that_never_answers_is_given_up_on_a_machine_that_is_always_busy(node, monkeypatch):
+    graph = Graph(Board())
+    graph.parameters("pid", values_of(PidConfig()))
+    looks = count(0.0, 10.0)
+    monkeypatch.setattr(node, "time", SimpleNamespace(monotonic=lambda: next(looks)))
+    monkeypatch.setattr(node, "CpuDeadline", lambda _: MagicMock(**{"spent.return_value": False}))
+    node.Node.return_value.create_client.return_value.call_async.return_value.done = lambda: False
+    swap = node.GraphRequests(graph, None, "").ask("", Asked("swap", 1, {"to": "pid"}))
+    with pytest.raises(RefusedRequestError, match=r"^pid did not answer within 10 s$"):
+        asyncio.run(swap)
+    assert next(looks) < 150.0
 
 
 def test_another_robots_nodes_of_the_same_names_are_not_shown(node):

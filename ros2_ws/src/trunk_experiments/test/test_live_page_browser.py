@@ -463,3 +463,48 @@ def test_a_report_is_asked_for_once(opened):
     assert len(asked) == 1
     page.context.close()
     served.close()
+
+
+@pytest.mark.parametrize(
+    "meanwhile",
+    [
+        "alarm.say('states late 1')",
+        "known.nodes.set('another', { ...known.nodes.get('pid'), name: 'another' })",
+    ],
+    ids=["an alarm", "another controller"],
+)
+def test_a_click_counts_though_the_page_moves_under_the_hand(opened, served, meanwhile):
+    page = opened()
+    (acts,) = page.evaluate("() => known.run.acting")
+    (other,) = {"pid", "fuzzy_pid"} - {acts}
+    choice = f"#controllers input[value={other}]"
+    box = page.locator(choice).bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.evaluate(f"() => {{ {meanwhile}; }}")
+    for told in ("cleaned up", "deactivated"):  # something new, whatever it was before
+        served.call(served.graph.event, other, told)
+    page.wait_for_function(
+        """([choice, { x, y }]) => {
+            const now = document.querySelector(choice).getBoundingClientRect();
+            return now.x !== x || now.y !== y;
+        }""",
+        arg=[choice, box],
+    )
+    page.evaluate(
+        """() => {
+            window.asked = [];
+            wire.ask = (...asked) => { window.asked.push(asked); return { ok: true, text: "" }; };
+        }"""
+    )
+    page.mouse.up()
+    assert page.evaluate("() => window.asked") == [["swap", {"to": other}]]
+
+
+def test_a_request_without_an_answer_is_said_to_have_none(opened, served):
+    page = opened()
+    page.evaluate("() => { WebSocket.prototype.send = () => {}; }")
+    page.click("#reset")
+    settled(page, "document.getElementById('alarm-text').innerText", "reset: no answer yet")
+    served.call(lambda: [one.send_away("cut off", 1001) for one in served.gateway.clients])
+    settled(page, "document.getElementById('alarm-text').innerText", "the connection was lost")

@@ -61,7 +61,8 @@ _QUEUE = 5_000  # messages that wait for a turn
 _LOOK_S = 0.05
 _ANSWER_LOOK_S = 0.005
 _INFINITE = ("inf", "+inf", "-inf")
-_ANSWER_S = 10.0
+_ANSWER_S = 10.0  # while nothing holds up the processes
+_LONGEST_S = 60.0  # whatever does: a person waits
 _ANSWERS = 20  # taken in a turn
 # A response that is sent before the server has matched the client is lost; these may be asked again.
 _AGAIN_S = {SetParametersAtomically: 1.0, ChangeState: inf, Trigger: inf, SetBool: 1.0}
@@ -402,7 +403,7 @@ class GraphRequests:
         if client is None:
             raise RefusedRequestError(f"{name} has no such service")
         futures: list[Any] = []
-        ask_s, deadline = -inf, CpuDeadline(_ANSWER_S)
+        ask_s, deadline, longest = -inf, CpuDeadline(_ANSWER_S), time.monotonic() + _LONGEST_S
         there = local_pid(self._graph.nodes[name].process) if name in self._graph.nodes else None
         awaited = [os.getpid(), *([there] if there else [])]
         self._asking += 1
@@ -421,7 +422,7 @@ class GraphRequests:
                     raise RefusedRequestError(
                         f"{name}: refused; it is {self._graph.nodes[name].state}"
                     )
-                if deadline.spent(awaited):
+                if deadline.spent(awaited) or now > longest:
                     raise RefusedRequestError(f"{name} did not answer within {_ANSWER_S:g} s")
                 await asyncio.sleep(_ANSWER_LOOK_S)
         finally:

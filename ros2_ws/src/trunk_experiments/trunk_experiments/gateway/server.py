@@ -287,6 +287,9 @@ class Gateway:
         except RefusedRequestError as error:
             self.refuse("pushes" if request.kind in UNANSWERED else "requests by pages")
             client.answer(request.number, False, str(error))
+        except Exception as error:  # a fault of ours: it is logged, and nobody waits for ever
+            client.answer(request.number, False, f"{request.kind} failed: {error!r}")
+            raise
         else:
             if request.kind not in UNANSWERED:
                 client.answer(request.number, True, text)

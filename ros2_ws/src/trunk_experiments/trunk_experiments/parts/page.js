@@ -15,32 +15,31 @@ const view = (() => {
     if (!place) return; // a report shows all its runs
     const several = Boolean(known.runs[0].name);
     const names = several ? known.runs.map((run) => run.name) : [...known.nodes.values()].filter((node) => node.controller).map((node) => node.name).sort();
-    const have = [...place.querySelectorAll("input")].map((input) => input.value);
-    if (names.join() !== have.join()) {
-      place.querySelectorAll("label").forEach((label) => label.remove());
-      for (const [index, name] of names.entries()) {
-        const label = document.createElement("label");
-        const input = document.createElement("input");
-        input.type = "radio";
-        input.name = "acts";
-        input.value = name;
-        input.addEventListener("change", async () => {
-          await view.ask("swap", { to: name });
-          controllers();
-        });
-        const swatch = document.createElement("span");
-        swatch.className = "swatch";
-        swatch.style.background = `var(--run${index % 8})`;
-        label.append(input, ...(several ? [swatch] : []), name);
-        place.append(label);
-      }
+    const made = new Map([...place.querySelectorAll("label")].map((label) => [label.firstChild.value, label]));
+    made.forEach((label, name) => names.includes(name) || label.remove());
+    for (const [index, name] of names.entries()) {
+      if (made.has(name)) continue;
+      const label = document.createElement("label");
+      const input = document.createElement("input");
+      input.type = "radio";
+      input.name = "acts";
+      input.value = name;
+      input.addEventListener("change", async () => {
+        await view.ask("swap", { to: name });
+        controllers();
+      });
+      const swatch = document.createElement("span");
+      swatch.className = "swatch";
+      label.append(input, ...(several ? [swatch] : []), name);
+      place.insertBefore(label, made.get(names.slice(index).find((later) => made.has(later))) ?? null);
     }
-    for (const label of place.querySelectorAll("label")) {
-      const input = label.querySelector("input");
+    for (const [index, label] of place.querySelectorAll("label").entries()) {
+      const input = label.firstChild;
       const acts = known.run.acting.includes(input.value);
       input.checked = acts && known.run.acting.length === 1;
       input.disabled = !known.control_allowed;
       label.toggleAttribute("data-acts", acts);
+      label.querySelector(".swatch")?.style.setProperty("background", `var(--run${index % 8})`);
     }
   };
   wire.listen((kind, values) => {
@@ -67,6 +66,16 @@ const view = (() => {
   });
 
   // ── buttons ──────────────────────────────────────────────────────────────────────────────────────────
+  // A page that moves between press and release, as for an alarm, takes a button from under a hand that rests on it.
+  let pressed = null;
+  addEventListener("pointerdown", ({ target, clientX, clientY }) => {
+    pressed = { control: target.closest("label") ?? target.closest("button, input, summary"), clientX, clientY };
+  }, true);
+  addEventListener("pointerup", ({ target, clientX, clientY }) => {
+    const moved = pressed && Math.hypot(clientX - pressed.clientX, clientY - pressed.clientY);
+    if (moved < 4 && pressed?.control?.isConnected && !pressed.control.contains(target)) pressed.control.click();
+    pressed = null;
+  }, true);
   view.ask = async (kind, values) => {
     const { ok, text } = await wire.ask(kind, values);
     alarm.say(ok ? "" : text, "asked"); // until the next request of this page

@@ -11,6 +11,7 @@ const wire = (() => {
   let number = 0;
   let wait = 250;
   const ENDED = 4000; // the server will not come back
+  const LATE_MS = 2000; // from then on a page says that it waits
   const say = (kind, values) => listeners.forEach((listener) => listener(kind, values));
 
   const rows = (data) => {
@@ -80,7 +81,13 @@ const wire = (() => {
         return;
       }
       number += 1;
-      waiting.set(number, done);
+      const about = `answer ${number}`;
+      const late = setTimeout(() => alarm.say(`${kind}: no answer yet`, about), LATE_MS);
+      waiting.set(number, (answer) => {
+        clearTimeout(late);
+        alarm.say("", about);
+        done(answer);
+      });
       socket.send(JSON.stringify({ kind, number, ...values }));
     }),
   };
