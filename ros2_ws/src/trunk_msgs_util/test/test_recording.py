@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-import time
+import sys
 
 import numpy as np
 import pytest
@@ -272,16 +272,18 @@ def test_a_damaged_file_never_raises_anything_else(run_file, data):
     assert recording.warnings or at >= data_end
 
 
-def test_fifty_thousand_messages_are_read_in_a_second(tmp_path):
+def test_fifty_thousand_messages_are_read_by_a_few_calls(tmp_path):
     path, count = tmp_path / "a.mcap", 50_000
     with RecordingWriter(path) as writer:
         channel = writer.channel(TRUTH, topics.JOINT_STATE_TYPE)
         for k in range(count):
             sample = JointSample(k, ("hip", "trunk"), (k, k), (k, k), (0.0, k))
             writer.write(channel, k, k, layout_of(sample).pack(sample))
-    start = time.process_time()
+    calls = []
+    sys.setprofile(lambda frame, event, of: calls.append(event))
     joints = Recording.open(path).joints(TRUTH)
-    assert time.process_time() - start < 1.0
+    sys.setprofile(None)
+    assert len(calls) < count  # and returns, of Python and of C: far less than one a message
     assert joints.column("effort", "trunk").tolist() == list(range(count))
 
 
