@@ -8,7 +8,7 @@ Of a file's cases marked ``virtual``, one runs in real processes each time; in a
 The epoch is TRUNK_EPOCH, else the number of commits. scripts/test.sh --all runs them all.
 
 What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the last line of scripts/test.sh;
-what each test cost goes to the file TRUNK_DURATIONS.
+what each test cost goes to the file TRUNK_DURATIONS. For want of a tool that TRUNK_REQUIRE names, none is skipped.
 
 A test that hangs is ended after the `timeout` of pyproject.toml, whose seconds grow longer on a busy machine.
 """
@@ -196,6 +196,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     config.stash[USES] = {use: [case.nodeid for case in cases] for use, cases in uses.items()}
 
 
+# The names that TRUNK_REQUIRE may hold, and how reasons to skip tell of such a tool.
+_TOOLS = {
+    "browser": r"Chromium|playwright",
+    "c": r"apt-get install (gcc|g\+\+)|^gcc:",
+    "node": r"Node\.js|nodejs",
+}
+
+
+def missing(reason: str) -> str:
+    """Return which of the tools that have to be here is missing where a test is skipped for a reason."""
+    required = filter(None, os.environ.get("TRUNK_REQUIRE", "").split(","))
+    return next((tool for tool in required if re.search(_TOOLS[tool], reason)), "")
+
+
 _BEGAN = pytest.StashKey[float]()
 _costs: dict[str, tuple[float, float]] = {}
 
@@ -252,6 +266,10 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
     report = yield
+    if isinstance(report.longrepr, tuple):  # it was skipped
+        reason = report.longrepr[2].removeprefix("Skipped: ")
+        if tool := missing(reason):
+            report.outcome, report.longrepr = "failed", f"TRUNK_REQUIRE has {tool}: {reason}"
     report.work_s = _work_s() - item.stash[_BEGAN]  # xdist hands on what can be JSON
     return report
 

@@ -53,6 +53,34 @@ def test_where_linux_tells_nothing_load_is_taken_for_granted(
     assert conftest._held_up_s() == 7.0
 
 
+@pytest.mark.parametrize(
+    ("required", "reason", "tool"),
+    [
+        ("", "Chromium: scripts/browser.sh installs it, or says why not", ""),
+        ("c,browser", "Chromium: scripts/browser.sh installs it, or says why not", "browser"),
+        ("browser", "could not import 'playwright.sync_api'", "browser"),
+        ("c", "no C++ compiler: apt-get install g++", "c"),
+        ("c", "gcc: for the same bits in C", "c"),
+        ("c", "needs gcc on an x86-64 with FMA", ""),  # no tool would help
+        ("node", "Node.js: for the same bits in JavaScript", "node"),
+        ("browser,c", "Node.js: for the same bits in JavaScript", ""),
+    ],
+)
+def test_who_skips_for_want_of_a_required_tool_fails(
+    conftest: Any, monkeypatch: pytest.MonkeyPatch, required: str, reason: str, tool: str
+) -> None:
+    monkeypatch.setenv("TRUNK_REQUIRE", required)
+    assert conftest.missing(reason) == tool
+    item = SimpleNamespace(stash={conftest._BEGAN: 0.0})
+    report = SimpleNamespace(outcome="skipped", longrepr=("file", 1, f"Skipped: {reason}"))
+    made = conftest.pytest_runtest_makereport(item)
+    next(made)
+    with pytest.raises(StopIteration):
+        made.send(report)
+    assert report.outcome == ("failed" if tool else "skipped")
+    assert not tool or report.longrepr == f"TRUNK_REQUIRE has {tool}: {reason}"
+
+
 def test_each_case_has_its_turn_once_in_n_epochs(
     conftest: Any, pytestconfig: pytest.Config
 ) -> None:
