@@ -8,7 +8,8 @@ Of a file's cases marked ``virtual``, one runs in real processes each time; in a
 The epoch is TRUNK_EPOCH, else the number of commits. scripts/test.sh --all runs them all.
 
 What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the last line of scripts/test.sh;
-what each test cost goes to the file TRUNK_DURATIONS. For want of a tool that TRUNK_REQUIRE names, none is skipped.
+what each test cost goes to the file TRUNK_DURATIONS. None is skipped for want of a tool that TRUNK_REQUIRE
+names.
 
 A test that hangs is ended after the `timeout` of pyproject.toml, whose seconds grow longer on a busy machine.
 """
