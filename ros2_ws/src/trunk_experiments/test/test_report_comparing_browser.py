@@ -202,10 +202,10 @@ def test_events_are_named_once_above_the_curves_of_the_first_chart(opened, file)
                     found.push({ text, x, y, width: ctx.measureText(text).width });
                 };
                 strips.made.get(name).plot.redraw(false);
-                return new Promise((done) => setTimeout(() => {
+                return new Promise((done) => queueMicrotask(() => { // after uPlot's own, which draws
                     ctx.fillText = fill;
                     done(found.filter(({ text }) => /[a-z]/.test(text) && text !== "time, s"));
-                }, 50));
+                }));
             };
             return Promise.all([texts("angle"), texts("torque")]);
         }"""
