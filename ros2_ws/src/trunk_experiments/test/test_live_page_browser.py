@@ -505,6 +505,6 @@ def test_a_request_without_an_answer_is_said_to_have_none(opened, served):
     page = opened()
     page.evaluate("() => { WebSocket.prototype.send = () => {}; }")
     page.click("#reset")
-    settled(page, "document.getElementById('alarm-text').innerText", "reset: no answer yet")
+    until(page, "document.getElementById('alarm-text').innerText", "reset: no answer yet")
     served.call(lambda: [one.send_away("cut off", 1001) for one in served.gateway.clients])
-    settled(page, "document.getElementById('alarm-text').innerText", "the connection was lost")
+    until(page, "document.getElementById('alarm-text').innerText", "the connection was lost")
