@@ -160,8 +160,8 @@ def check_names(layers: Iterable[Layer], nodes: Mapping[str, Iterable[str]]) -> 
     accepted, and so is what every ROS node has (``use_sim_time``): a node's dump can be used as it is.
     Raises ParameterFileError naming the file, the section and the parameter.
     """
-    declared = {node: set(names) for node, names in nodes.items()}
-    everything = set().union(*declared.values())
+    declared = {node: dict.fromkeys(names) for node, names in nodes.items()}  # in order
+    everything = {name: None for names in declared.values() for name in names}
     for layer in layers:
         for section in layer.sections:
             token = section.last_token
