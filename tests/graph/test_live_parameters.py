@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from itertools import count
-from math import inf, nan
 
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -17,6 +16,7 @@ from trunk_msgs_util.node.conversions import stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
 
+from ..refusals import REFUSALS
 from .peer import Peer
 from .processes import Child, Children
 from .services import Services
@@ -84,21 +84,11 @@ def test_stored_is_active_and_published(pid: Child, peer: Peer) -> None:
     assert [(c.node, c.stamp_ns, c.changed) for c in changes] == [
         ("/pid", 2 * PERIOD_NS, {"gains.p": 80.0})
     ]
-    allowed = "double, >= 0 and <= 1e+09"
-    for value, reason in (
-        (-1.0, f"-1.0 is not allowed: {allowed}"),
-        (nan, f"nan is not allowed: finite {allowed}"),
-        (inf, f"inf is not allowed: finite {allowed}"),
-        ("much", f"'much' is not allowed: {allowed}"),
-        (True, f"True is not allowed: {allowed}"),
-        ([80.0], f"[80.0] is not allowed: {allowed}"),
-        ([1.0] * 100_000, f"... is not allowed: {allowed}"),
-        (None, f"None is not allowed: {allowed}"),
-    ):
+    for value in (-1.0, [1.0] * 100_000, None):
         for result in (services.set(gains__p=value), services.set_together(gains__p=value)):
             assert not result.successful
             assert result.reason.startswith("parameter 'gains.p': ")
-            assert result.reason.endswith(reason)
+            assert result.reason.endswith(" is not allowed: double, >= 0 and <= 1e+09")
             assert len(result.reason) < 200
     assert services.get("gains.p") == [80.0]
     assert answer() == -0.25 * 80.0
@@ -106,16 +96,26 @@ def test_stored_is_active_and_published(pid: Child, peer: Peer) -> None:
 
 
 @pytest.mark.virtual
+@pytest.mark.parametrize("name", dict.fromkeys(refusal.node for refusal in REFUSALS))
+def test_a_running_node_refuses_what_it_would_not_start_with(
+    children: Children, peer: Peer, name: str
+) -> None:
+    node = children.node(name)
+    peer.until_up(name)
+    services = Services(peer, name)
+    for refusal in (refusal for refusal in REFUSALS if refusal.node == name):
+        result = services.set_together(**refusal.values)
+        assert not result.successful
+        refusal.running.check(result.reason)
+    assert [p for p in peer.parameters if p.changed] == []
+    assert node.stop() == int(name == "recorder"), node.stderr  # of no run at all
+
+
+@pytest.mark.virtual
 def test_every_refusal_names_what_is_refused(pid: Child, peer: Peer) -> None:
     services = Services(peer, "pid")
     for values, *reasons in (
-        ({"update_rate": 100.0}, "'update_rate': 100.0 is not allowed: fixed at start, to 200.0"),
-        (
-            {"gain__p": 1.0},
-            "'gain.p': 1.0 is not allowed: no such parameter; did you mean 'gains.p'?",
-        ),
         ({"use_sim_time": 3}, "'use_sim_time': Wrong parameter type, expected 'Type.BOOL'"),
-        ({"reference__times": [0.0] * 10_001}, "'reference.times': [0.0, ", "of at most 10000"),
         (
             {"gains__p": -1.0, "gains__i": 7.0, "gains__d": "x", "joint": "hip"},
             "'gains.p': -1.0 is not allowed: double, >= 0",
@@ -164,19 +164,9 @@ def test_linked_values_and_rules(children: Children, peer: Peer) -> None:
 
     assert services.get("rules.kd")[0][0] == "S S S S S S B"  # from the command line
     rows = list(KP_AS_PRINTED)
-    rows[1] = "S S B B B S X"
-    result = services.set(rules__kp=rows)
-    assert not result.successful
-    assert "cell (e NM, e_dot PB) is 'X'" in result.reason
     rows[1] = "S B B B B B S"
     assert services.set(rules__kp=rows).successful
     assert services.get("rules.kp") == [rows]
-    result = services.set(fuzzy__error_peaks=[0.0, nan])
-    assert not result.successful
-    assert "finite double array of 2 to 64" in result.reason
-    result = services.set(rules__kp__NM__PX="S")
-    assert not result.successful
-    assert "PX is no column of rules.kp: NB, NM, NS, ZO, PS, PM, PB" in result.reason
     assert not services.set(rules__kp__NM__PB="X").successful
 
     peer.until(lambda: len([p for p in peer.parameters if p.changed]) == 2, "changes are published")
