@@ -29,6 +29,7 @@ _PID = (
     *_in(CONTROL, "pid", "pid_reconfigure", "pid_antiwindup", "extreme_numbers", "pid_loop"),
     *("-k", "not every_command"),  # a minute, over four laws
 )
+_REFUSALS = "tests/test_refusals.py::test_by_its_class"
 _LOOP = (*_in(EXPERIMENTS, "compiled_run"), "tests/test_turns.py")
 _VERIFY = ("tests/verify", "tests/test_turns.py", "-k", "not compiled")
 
@@ -55,10 +56,12 @@ MODULES = {
     "fuzzy_pid": Module(CONTROL + "trunk_control/fuzzy_pid.py", _in(CONTROL, "fuzzy_pid")),
     "fuzzy_torque": Module(CONTROL + "trunk_control/fuzzy_torque.py", _in(CONTROL, "fuzzy_torque")),
     "rule_tables": Module(
-        CONTROL + "trunk_control/rule_tables.py", _in(CONTROL, "rule_tables", "config")
+        CONTROL + "trunk_control/rule_tables.py",
+        (*_in(CONTROL, "rule_tables", "config"), _REFUSALS),
     ),
     "rule_base": Module(
-        CONTROL + "trunk_control/rule_base.py", _in(CONTROL, "config", "rule_tables", "fuzzy_pid")
+        CONTROL + "trunk_control/rule_base.py",
+        (*_in(CONTROL, "config", "rule_tables", "fuzzy_pid"), _REFUSALS),
     ),
     "decide": Module(
         CONTROL + "trunk_control/decide.py",

@@ -18,7 +18,6 @@ from trunk_control.law import Hip
 from trunk_control.limits import Limits
 from trunk_control.lqr import LqrConfig
 from trunk_control.pid import PidConfig
-from trunk_msgs_util.parameters.declarations import ParameterError
 
 MS = 1_000_000
 every = pytest.mark.parametrize(
@@ -172,9 +171,3 @@ def test_turns():
     assert turn(times, 41, 100) == 1
     assert turn((), -1, 0) == 0
     assert turn((10,), 9, 10) == 1
-
-
-@pytest.mark.parametrize("times", [(1.0, 1.0), (2.0, 1.0)])
-def test_turn_times_must_ascend(times):
-    with pytest.raises(ParameterError, match=r"active\.times.*ascending"):
-        PidConfig(active_times=times)

@@ -24,7 +24,6 @@ from trunk_control.limits import (
 )
 from trunk_control.pid_family import PidState
 from trunk_control.rule_tables import MACVICAR_WHELAN
-from trunk_msgs_util.parameters.declarations import ParameterError, build
 
 PD, PI = FuzzyConfig(), FuzzyConfig(form="pi", output_scale=200.0)
 H = 0.005
@@ -117,19 +116,3 @@ def test_what_is_not_usable_is_held(config, measurement, dt):
     after, terms = fuzzy_update(state, Sample(0.0, measurement, 0.0, dt), config.constants, LIMITS)
     assert after == state
     assert (terms.held, terms.effort) == (True, 5.0)
-
-
-@pytest.mark.parametrize(
-    ("values", "allowed"),
-    [
-        ({"rules.u": ["NB ZO"] * 7}, "7 labels in each row"),
-        ({"fuzzy.output_centers": [0.0, 1.0]}, "as many as fuzzy.output_labels (7: NB, NM"),
-        ({"fuzzy.output_centers": [-1.5] * 7}, "each >= -1 and <= 1"),
-        ({"rules.u.NB.NB": "1.5"}, "labels NB, NM, NS, ZO, PS, PM, PB, or numbers from -1 to 1"),
-        ({"fuzzy.form": "pid"}, "one of pd, pi"),
-    ],
-)
-def test_refusals(values, allowed):
-    with pytest.raises(ParameterError) as caught:
-        build(FuzzyConfig, values)
-    assert allowed in str(caught.value)

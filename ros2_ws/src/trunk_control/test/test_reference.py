@@ -8,7 +8,6 @@ import pytest
 
 from trunk_control.pid import PidConfig
 from trunk_control.reference import reference_at
-from trunk_msgs_util.parameters.declarations import ParameterError
 
 SECOND = 1_000_000_000
 
@@ -81,16 +80,3 @@ def test_interpolated_goes_straight_from_point_to_point_and_stays(t_ns, expected
 def test_one_point_is_a_constant():
     point = profile("interpolated", times=(1.0,), values=(0.5,))
     assert {reference_at(t * SECOND, point) for t in range(3)} == {0.5}
-
-
-@pytest.mark.parametrize(
-    ("times", "values", "allowed"),
-    [
-        ((), (), "at least one of reference.times is needed"),
-        ((1.0,), (1.0, 2.0), r"as many as reference\.times \(1\)"),
-        ((2.0, 1.0), (1.0, 2.0), "ascending times"),
-    ],
-)
-def test_points_that_make_no_line_are_refused(times, values, allowed):
-    with pytest.raises(ParameterError, match=allowed):
-        profile("interpolated", times=times, values=values)

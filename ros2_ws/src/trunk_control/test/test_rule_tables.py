@@ -22,7 +22,7 @@ from trunk_control.rule_tables import (
     input_labels,
     is_table,
 )
-from trunk_msgs_util.parameters.declarations import ParameterError, build, with_cells
+from trunk_msgs_util.parameters.declarations import build, with_cells
 
 TABLES = {
     "kp": rule_tables.KP_AS_PRINTED,
@@ -227,19 +227,6 @@ def test_one_label_with_one_center_is_a_base():
     config = build(FuzzyPidConfig, {**THREE, **single})
     assert config.tables[0].centers == {"S": 0.5}
     assert config.axes.error == ("N", "ZO", "P")  # nobody gave any
-
-
-@pytest.mark.parametrize(
-    ("values", "name"),
-    [
-        ({"fuzzy.kp_labels": (), "fuzzy.kp_centers": ()}, "fuzzy.kp_labels"),
-        ({"fuzzy.kp_centers": ()}, "fuzzy.kp_centers"),
-    ],
-)
-def test_no_label_and_no_center_are_refused_by_their_own_length(values, name):
-    with pytest.raises(ParameterError, match=re.escape(name)) as refused:
-        build(FuzzyPidConfig, {**THREE, **values})
-    assert "1 to 64" in str(refused.value)
 
 
 def test_one_cell_is_a_parameter_of_its_table():

@@ -110,8 +110,6 @@ def test_a_later_table_takes_the_place_of_an_earlier_cell(tmp_path):
 @pytest.mark.parametrize(
     ("setting", "error", "line"),
     [
-        ("rules.kd.ZO.ZX=S", ParameterFileError, "ZX is no column of rules.kd: NB, NM, NS, ZO, PS"),
-        ("rules.kd.XZ.ZO=S", ParameterFileError, "XZ is no row of rules.kd: NB, NM, NS, ZO, PS"),
         (
             "rules.kd.ZO.ZO=X",
             ParameterFileError,

@@ -37,7 +37,6 @@ MISTAKES = {
     "no controller": (HEAD.replace("pid", "pod") + DELAY, "controllers.pod: is 'pod': pid, fuzzy"),
     "no such scenario": (HEAD.replace("fig6", "fig5") + DELAY, "pid: no scenario 'fig5': give one"),
     "no such file": (HEAD + "params: nix\n" + DELAY, "pid: no parameter file 'nix'"),
-    "bad set": (HEAD + "set: {simulator.mass: 3}\n" + DELAY, "parameter 'mass': no such parameter"),
     "bad rate": (HEAD + "rate: -1\n" + DELAY, "rate: is -1: a number > 0 is needed"),
     "runs of nothing": (HEAD + "runs: 3\n" + DELAY, "runs: is 3, but nothing is drawn"),
     "too many": (

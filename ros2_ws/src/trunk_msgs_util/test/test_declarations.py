@@ -49,34 +49,12 @@ def test_values_round_trip():
     assert build(Example, values_of(config)) == config
 
 
-BAD = {
-    "out of bounds": ("rate", 0.0, "> 0"),
-    "a string": ("rate", "fast", "double"),
-    "a bool for a double": ("rate", True, "double"),
-    "NaN": ("rate", math.nan, "finite"),
-    "infinity": ("rate", math.inf, "finite"),
-    "NaN where infinity may be": ("limit", math.nan, "finite"),
-    "an integer beyond all doubles": ("rate", 10**400, "double"),
-    "a double for an integer": ("steps", 2.0, "integer"),
-    "a bool for an integer": ("steps", True, "integer"),
-    "an integer for a bool": ("on", 1, "bool"),
-    "no choice": ("mode", "c", "one of a, b"),
-    "a scalar for an array": ("pair", 3.0, "array of 2"),
-    "a string for an array": ("names", "x", "string array"),
-    "too long": ("pair", (1.0, 2.0, 3.0), "array of 2"),
-    "one bad element": ("pair", (1.0, 6.0), "<= 5"),
-    "NaN in an array": ("pair", (1.0, math.nan), "finite"),
-    "values that do not fit": ("pair", (2.0, 1.0), "ascending"),
-}
-
-
-@pytest.mark.parametrize(("name", "value", "allowed"), BAD.values(), ids=BAD.keys())
-def test_a_bad_value_gives_name_value_and_what_is_allowed(name, value, allowed):
-    with pytest.raises(ParameterError) as caught:
+@pytest.mark.parametrize(("name", "value"), [("rate", 10**400), ("pair", {1: 2, 3: 4})])
+def test_what_no_yaml_of_ros_holds_is_refused(name, value):
+    with pytest.raises(
+        ParameterError, match=f"^parameter '{name}': .* is not allowed: double"
+    ) as caught:
         build(Example, {name: value})
-    assert caught.value.name == name
-    assert allowed in caught.value.allowed
-    assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
 
 

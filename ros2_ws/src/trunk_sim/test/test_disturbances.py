@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.units import nanoseconds, period_ns
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import (
@@ -213,11 +212,6 @@ def test_random_starts_are_spread_evenly():
     assert not set(starts) & set(random_starts(10_000, 2.0, 4.0, seed=6))
 
 
-def test_a_span_that_ends_before_it_begins_is_refused():
-    with pytest.raises(ParameterError, match=r"at least pulse\.random_from \(2\)"):
-        DisturbanceConfig(pulse_random_count=1, pulse_random_from=2.0, pulse_random_until=1.0)
-
-
 @pytest.mark.parametrize(
     ("interpolation", "expected"),
     [("linear", [0.0, 4.0, 3.0, 2.0, 2.0]), ("hold", [0.0, 4.0, 4.0, 2.0, 2.0])],
@@ -229,18 +223,6 @@ def test_a_table_begins_at_its_first_time_and_stays_after_its_last(interpolation
     assert config.active
     stamps = [999_999_999, *(k * 1_000_000_000 for k in (1, 2, 3, 9))]
     assert [disturbance_at(t, config.signals).trunk_torque for t in stamps] == expected
-
-
-@pytest.mark.parametrize(
-    ("values", "allowed"),
-    [
-        ({"table_times": (1.0,)}, r"as many as table\.times \(1\)"),
-        ({"table_times": (2.0, 1.0), "table_values": (0.0, 0.0)}, "ascending times"),
-    ],
-)
-def test_a_table_that_makes_no_signal_is_refused(values, allowed):
-    with pytest.raises(ParameterError, match=allowed):
-        DisturbanceConfig(**values)
 
 
 def test_a_table_of_zeros_does_nothing():

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from math import inf
 
 import numpy as np
 import pytest
 
 from trunk_msgs_util.mechanics import Body
-from trunk_msgs_util.parameters.declarations import ParameterError, build
+from trunk_msgs_util.parameters.declarations import build
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.plant import PlantState, accelerations, advance, energy
 
@@ -75,21 +74,6 @@ def test_energy_is_not_conserved():
     assert drift["printed"] > 0.1
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("path.amplitude", 0.5),
-        ("path.wavenumber", 0.5),
-        ("path.cosines", [0.5]),
-        ("path.sines", [0.0, 0.5]),
-    ],
-)
-def test_only_the_printed_case_is_offered(name, value):
-    with pytest.raises(
-        ParameterError, match=rf"{re.escape(name)} .*the paper prints no other case"
-    ):
-        build(SimulatorConfig, {"plant.equations": "as_printed", name: value})
-    with pytest.raises(ParameterError, match="derived, as_printed"):
-        build(SimulatorConfig, {"plant.equations": "literal"})
+def test_a_limit_of_the_torque_is_offered():
     config = build(SimulatorConfig, {"plant.equations": "as_printed", "max_effort": inf})
     assert config.body.as_printed
