@@ -11,7 +11,8 @@ What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the las
 what each test cost goes to the file TRUNK_DURATIONS. None is skipped for want of a tool that TRUNK_REQUIRE
 names.
 
-A test that hangs is ended after the `timeout` of pyproject.toml, whose seconds grow longer on a busy machine.
+A test that hangs is ended after the `timeout` of pyproject.toml, one in a browser that waits for what never
+comes sooner; their seconds grow longer on a busy machine.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _GRAPH_TESTS = Path(__file__).parent / "tests"  # where scripts/test.sh looks for them
+_BROWSER_S = 240.0  # of a test: its waits have no limit of their own
 _QUIET = ("background-networking", "component-update", "sync")
 _ARGUMENTS = [
     "--no-sandbox",
@@ -181,6 +183,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             raise pytest.UsageError(
                 f"{item.nodeid}: what starts the graph is tested in {_GRAPH_TESTS}"
             )
+        if item.get_closest_marker("browser") and not item.get_closest_marker("graph"):
+            item.add_marker(pytest.mark.timeout(_BROWSER_S))
         if mark := item.get_closest_marker("one_in"):
             test = item.nodeid.partition("[")[0]
             uses.setdefault((test, mark.args[0]), []).append(item)

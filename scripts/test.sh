@@ -100,11 +100,11 @@ else
     # Where one cannot be had, its tests are skipped and say why.
     beside 'a browser, for tests' eval 'bash scripts/browser.sh || true'
     beside 'clang and lld, for labs' labs
-    # colcon finds and runs each package's pytest: a few tests of each, as pytest below runs them all.
-    few='python_files=test_units.py test_config.py test_terminal.py'
-    stage 'colcon test: a few' bash scripts/colcon_test.sh -q "--override-ini=$few"
     settle
     beside mypy nice mypy
+    # colcon finds and runs each package's pytest: a few tests of each, as pytest runs them all.
+    few='python_files=test_units.py test_config.py test_terminal.py'
+    beside 'colcon test: a few' bash scripts/colcon_test.sh -q "--override-ini=$few"
     # Some wait, for a browser or a process of their own: one test more at once than there are cores. They give way
     # to the graph's, which run beside them.
     beside 'pytest: in one process' nice "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.srv import GetState
+from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -16,6 +16,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware, qos
@@ -25,6 +26,7 @@ from trunk_msgs_util.samples import JointSample
 from .processes import Child
 
 _ASK_AGAIN_S = 3.0
+_ONCE = (ChangeState, Trigger)  # services for which it matters how often they are asked
 
 
 class Event(NamedTuple):
@@ -212,16 +214,20 @@ class Peer:
     def call(self, kind: type, name: str, **fields: Any) -> Any:
         """Call a service and return its response.
 
-        A response sent before the server has matched the client is lost: then it is asked again.
+        A response sent before the server has matched the client is lost: then it is asked again, if it may be
+        asked twice. Otherwise the node is asked for its state by a client that is made later, first:
+        discovery keeps their order, so that a node which has answered the one has matched the other.
         """
         client = self.node.create_client(kind, name)
         self.until(client.service_is_ready, f"{name} is there")
+        if kind in _ONCE:
+            self.call(GetState, f"{name.rpartition('/')[0]}/get_state")
         futures: list[Any] = []
         asked = -_ASK_AGAIN_S
 
         def answered() -> Any:
             nonlocal asked
-            if time.monotonic() - asked > _ASK_AGAIN_S:
+            if time.monotonic() - asked > _ASK_AGAIN_S and not (futures and kind in _ONCE):
                 asked = time.monotonic()
                 futures.append(client.call_async(kind.Request(**fields)))
             return next((future for future in futures if future.done()), None)

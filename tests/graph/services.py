@@ -17,13 +17,6 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 
 from .peer import Peer
 
-_GOALS = {
-    "configure": "inactive",
-    "cleanup": "unconfigured",
-    "activate": "active",
-    "deactivate": "inactive",
-}
-
 
 class Services:
     """The services of one node."""
@@ -64,15 +57,10 @@ class Services:
         return label
 
     def change(self, label: str) -> bool:
-        """Ask for a transition by its number, as ``ros2 lifecycle set`` does.
-
-        If the first answer is lost, the peer asks again, and is refused what has been done.
-        """
-        before = self.state()
+        """Ask for a transition by its number, as ``ros2 lifecycle set`` does."""
         request = Transition(id=getattr(Transition, f"TRANSITION_{label.upper()}"))
         success: bool = self._call(ChangeState, "change_state", transition=request).success
-        goal = _GOALS.get(label)
-        return success or (goal is not None and before != goal and self.state() == goal)
+        return success
 
     def available(self) -> set[str]:
         found = self._call(GetAvailableTransitions, "get_available_transitions")
