@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import linecache
 import math
 import os
 import random
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,250 +60,6 @@ def honest(
 
 
 HONEST = Law("honest", "Honest", Config, honest, Memory(), Terms, {"error": "rad"})
-FAULTS: dict[str, tuple[str, Law]] = {}
-
-
-def mutant(check: str, **fields: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Register a law with this update, and the check that must find its fault."""
-
-    def register(update: Callable[..., Any]) -> Callable[..., Any]:
-        given = {
-            "config": Config,
-            "memory": Memory(),
-            "terms": Terms,
-            "units": {"error": "rad"},
-            **fields,
-        }
-        FAULTS[update.__name__] = (
-            check,
-            Law(name=update.__name__, label="Faulty", update=update, **given),
-        )
-        return update
-
-    return register
-
-
-_calls = 0
-_seen: list[float] = []
-_offsets = np.zeros(3)
-
-
-class _Box:
-    value = 0.0
-
-
-_box, _another_box = _Box(), _Box()
-
-
-@mutant("source")
-def counts_its_calls(memory, sample, constants, limits):
-    global _calls  # noqa: PLW0603
-    _calls += 1
-    return honest(memory, sample, constants, limits)
-
-
-@mutant("source")
-def remembers_in_a_list(memory, sample, constants, limits):
-    _seen.append(sample.measurement)
-    return honest(memory, sample, constants, limits)
-
-
-@mutant("source")
-def remembers_in_itself(memory, sample, constants, limits):
-    remembers_in_itself.last = sample.measurement
-    return honest(memory, sample, constants, limits)
-
-
-@mutant("source")
-def remembers_in_a_default(memory, sample, constants, limits, seen=[]):  # noqa: B006
-    return honest(memory, sample, constants, limits)
-
-
-@mutant("source")
-def reads_an_array(memory, sample, constants, limits):
-    return honest(memory, sample._replace(reference=_offsets[0]), constants, limits)
-
-
-@mutant("pure")
-def remembers_in_an_object(memory, sample, constants, limits):
-    _box.value += sample.dt
-    return honest(
-        memory, sample._replace(reference=sample.reference + _box.value), constants, limits
-    )
-
-
-@mutant("reset")
-def survives_a_reset(memory, sample, constants, limits):
-    _another_box.value += sample.dt
-    return honest(
-        memory, sample._replace(reference=sample.reference + _another_box.value), constants, limits
-    )
-
-
-@mutant("source")
-def reads_the_clock(memory, sample, constants, limits):
-    late = time.monotonic() < 0.0
-    return honest(memory, sample, (0.0,) if late else constants, limits)
-
-
-@mutant("source")
-def draws_at_random(memory, sample, constants, limits):
-    noise = 0.0 * random.random()
-    return honest(memory, sample._replace(reference=sample.reference + noise), constants, limits)
-
-
-@mutant("source")
-def reads_the_environment(memory, sample, constants, limits):
-    gain = float(os.getenv("GAIN", "40"))
-    return honest(memory, sample, (gain,), limits)
-
-
-@mutant("source")
-def reads_a_file(memory, sample, constants, limits):
-    with open(os.devnull) as file:  # noqa: PTH123
-        file.read()
-    return honest(memory, sample, constants, limits)
-
-
-@mutant("source")
-def prints(memory, sample, constants, limits):
-    if sample.dt < 0.0:
-        print(sample)
-    return honest(memory, sample, constants, limits)
-
-
-@mutant("portable")
-def takes_the_machines_sine(memory, sample, constants, limits):
-    wanted = sample.reference - 0.0 * math.sin(
-        sample.reference if usable(sample.reference, 0.0, 1.0) else 0.0
-    )
-    return honest(memory, sample._replace(reference=wanted), constants, limits)
-
-
-@mutant("portable")
-def takes_numpys_exponential(memory, sample, constants, limits):
-    return honest(memory, sample, (constants[0] * float(np.exp(0.0)),), limits)
-
-
-@mutant("portable")
-def takes_a_power(memory, sample, constants, limits):
-    return honest(memory, sample, (constants[0] ** 1.5,), limits)
-
-
-@mutant("portable")
-def takes_a_square(memory, sample, constants, limits):
-    return honest(memory, sample, (constants[0] ** 2,), limits)
-
-
-@mutant("portable")
-def takes_a_cube(memory, sample, constants, limits):
-    gain = constants[0]
-    gain **= 3
-    return honest(memory, sample, (gain,), limits)
-
-
-@mutant("portable")
-def takes_a_power_of_a_constant(memory, sample, constants, limits):
-    return honest(memory, sample, (constants[0] * 1.1**7,), limits)
-
-
-@mutant("types")
-def returns_other_terms(memory, sample, constants, limits):
-    after, terms = honest(memory, sample, constants, limits)
-    return after, tuple(terms)
-
-
-@mutant("types")
-def returns_an_integer(memory, sample, constants, limits):
-    after, terms = honest(memory, sample, constants, limits)
-    return after, terms._replace(error=0)
-
-
-@mutant("finite")
-def divides_by_dt(memory, sample, constants, limits):
-    rate = sample.measurement / sample.dt
-    return honest(memory, sample._replace(rate=sample.rate + 0.0 * rate), constants, limits)
-
-
-@mutant("finite")
-def is_nan_where_it_saturates(memory, sample, constants, limits):
-    after, terms = honest(memory, sample, constants, limits)
-    if terms.unsaturated != terms.effort:
-        return after._replace(effort=math.nan), terms._replace(effort=math.nan)
-    return after, terms
-
-
-@mutant("finite")
-def compensates_by_a_sine(memory, sample, constants, limits):
-    after, terms = honest(memory, sample, constants, limits)
-    effort = terms.effort + sin(sample.measurement)
-    return after._replace(effort=effort), terms._replace(effort=effort)
-
-
-@mutant("finite")
-def integrates_whatever_comes(memory, sample, constants, limits):
-    after, terms = honest(memory, sample, constants, limits)
-    error = sample.reference - sample.measurement
-    return after._replace(integral=memory.integral + sample.dt * error), terms
-
-
-@mutant("holds")
-def lets_go_where_it_should_hold(memory, sample, constants, limits):
-    after, terms = honest(memory, sample, constants, limits)
-    return (
-        (memory._replace(effort=0.0), terms._replace(effort=0.0)) if terms.held else (after, terms)
-    )
-
-
-@mutant("limits")
-def ignores_the_limits(memory, sample, constants, limits):
-    after, terms = honest(memory, sample, constants, limits)
-    if terms.held:
-        return after, terms
-    return after._replace(effort=terms.unsaturated), terms._replace(effort=terms.unsaturated)
-
-
-@mutant("limits")
-def forgets_its_command(memory, sample, constants, limits):
-    after, terms = honest(memory, sample, constants, limits)
-    return (after, terms) if terms.held else (after._replace(effort=0.5 * terms.effort), terms)
-
-
-@mutant("transfer")
-def jumps_at_a_takeover(memory, sample, constants, limits):
-    wide = limits._replace(u_min=-30.0, u_max=30.0)  # its own, not those given
-    return honest(memory, sample, constants, wide)
-
-
-def _from_nothing(memory: Memory, sample: Sample, before: Any, after: Any) -> Memory:
-    return memory if before == after else Memory(-10.0, 0.0)
-
-
-@mutant("reconfigure", reconfigure=_from_nothing)
-def jumps_at_new_parameters(memory, sample, constants, limits):
-    return honest(memory, sample, constants, limits)
-
-
-def _forgets(memory: Memory, sample: Sample, before: Any, after: Any) -> Memory:
-    return Memory()
-
-
-@mutant("reconfigure", reconfigure=_forgets)
-def forgets_at_new_parameters(memory, sample, constants, limits):
-    return honest(memory, sample, constants, limits)
-
-
-@mutant("time")
-def adds_up_by_samples(memory, sample, constants, limits):
-    return honest(memory, sample._replace(dt=0.005 if sample.dt > 0.0 else 0.0), constants, limits)
-
-
-@mutant("quick")
-def takes_its_time(memory, sample, constants, limits):
-    total = 0.0
-    for k in range(20_000):
-        total += k * 0.0
-    return honest(memory, sample._replace(rate=sample.rate + total), constants, limits)
 
 
 @dataclass(frozen=True)
@@ -312,11 +71,6 @@ class Unbounded(ControllerConfig):
     constants = property(lambda self: (self.gain,))
 
 
-@mutant("declared", config=Unbounded)
-def has_no_bounds(memory, sample, constants, limits):
-    return honest(memory, sample, constants, limits)
-
-
 class Hiding(NamedTuple):
     """Terms that hide the record's reference."""
 
@@ -326,7 +80,132 @@ class Hiding(NamedTuple):
     held: bool
 
 
-@mutant("names", terms=Hiding, units={})
-def hides_the_reference(memory, sample, constants, limits):
-    after, terms = honest(memory, sample, constants, limits)
-    return after, Hiding(*terms)
+def _from_nothing(memory: Memory, sample: Sample, before: Any, after: Any) -> Memory:
+    return memory if before == after else Memory(-10.0, 0.0)
+
+
+def _forgets(memory: Memory, sample: Sample, before: Any, after: Any) -> Memory:
+    return Memory()
+
+
+# Faults, each below the check that has to find it: what is done before the honest update, and behind it.
+_TEXT = """\
+source: counts_its_calls
+    global calls
+    calls += 1
+source: remembers_in_a_list
+    seen.append(sample.measurement)
+source: remembers_in_itself
+    remembers_in_itself.last = sample.measurement
+source: remembers_in_a_default, kept=[]
+source: reads_an_array
+    sample = sample._replace(reference=offsets[0])
+pure: remembers_in_an_object
+    box.value += sample.dt
+    sample = sample._replace(reference=sample.reference + box.value)
+reset: survives_a_reset
+    another_box.value += sample.dt
+    sample = sample._replace(reference=sample.reference + another_box.value)
+source: reads_the_clock
+    constants = (0.0,) if time.monotonic() < 0.0 else constants
+source: draws_at_random
+    sample = sample._replace(reference=sample.reference + 0.0 * random.random())
+source: reads_the_environment
+    constants = (float(os.getenv("GAIN", "40")),)
+source: reads_a_file
+    with open(os.devnull) as file:
+        file.read()
+source: prints
+    if sample.dt < 0.0:
+        print(sample)
+portable: takes_the_machines_sine
+    angle = sample.reference if usable(sample.reference, 0.0, 1.0) else 0.0
+    sample = sample._replace(reference=sample.reference - 0.0 * math.sin(angle))
+portable: takes_numpys_exponential
+    constants = (constants[0] * float(np.exp(0.0)),)
+portable: takes_a_power
+    constants = (constants[0] ** 1.5,)
+portable: takes_a_square
+    constants = (constants[0] ** 2,)
+portable: takes_a_cube
+    gain = constants[0]
+    gain **= 3
+    constants = (gain,)
+portable: takes_a_power_of_a_constant
+    constants = (constants[0] * 1.1**7,)
+types: returns_other_terms
+    HONEST
+    terms = tuple(terms)
+types: returns_an_integer
+    HONEST
+    terms = terms._replace(error=0)
+finite: divides_by_dt
+    sample = sample._replace(rate=sample.rate + 0.0 * (sample.measurement / sample.dt))
+finite: is_nan_where_it_saturates
+    HONEST
+    if terms.unsaturated != terms.effort:
+        after, terms = after._replace(effort=math.nan), terms._replace(effort=math.nan)
+finite: compensates_by_a_sine
+    HONEST
+    effort = terms.effort + sin(sample.measurement)
+    after, terms = after._replace(effort=effort), terms._replace(effort=effort)
+finite: integrates_whatever_comes
+    HONEST
+    error = sample.reference - sample.measurement
+    after = after._replace(integral=memory.integral + sample.dt * error)
+holds: lets_go_where_it_should_hold
+    HONEST
+    if terms.held:
+        after, terms = memory._replace(effort=0.0), terms._replace(effort=0.0)
+limits: ignores_the_limits
+    HONEST
+    if not terms.held:
+        effort = terms.unsaturated
+        after, terms = after._replace(effort=effort), terms._replace(effort=effort)
+limits: forgets_its_command
+    HONEST
+    if not terms.held:
+        after = after._replace(effort=0.5 * terms.effort)
+transfer: jumps_at_a_takeover
+    limits = limits._replace(u_min=-30.0, u_max=30.0)  # its own, not those given
+reconfigure: jumps_at_new_parameters
+reconfigure: forgets_at_new_parameters
+time: adds_up_by_samples
+    sample = sample._replace(dt=0.005 if sample.dt > 0.0 else 0.0)
+quick: takes_its_time
+    total = 0.0
+    for k in range(20_000):
+        total += k * 0.0
+    sample = sample._replace(rate=sample.rate + total)
+declared: has_no_bounds
+names: hides_the_reference
+    HONEST
+    terms = Hiding(*terms)
+"""
+_FIELDS: dict[str, dict[str, Any]] = {
+    "jumps_at_new_parameters": {"reconfigure": _from_nothing},
+    "forgets_at_new_parameters": {"reconfigure": _forgets},
+    "has_no_bounds": {"config": Unbounded},
+    "hides_the_reference": {"terms": Hiding, "units": {}},
+}
+
+
+def _faults() -> Iterator[tuple[str, tuple[str, Law]]]:
+    names: dict[str, Any] = {m.__name__: m for m in (math, os, random, time, sin)}
+    names |= {"calls": 0, "seen": [], "offsets": np.zeros(3)}
+    names |= {name: SimpleNamespace(value=0.0) for name in ("box", "another_box")}
+    names |= globals()
+    update = "    after, terms = honest(memory, sample, constants, limits)\n"
+    for check, name, more, body in re.findall(r"(\w+): (\w+)(.*)\n((?: .*\n)*)", _TEXT):
+        before, _, behind = body.partition("    HONEST\n")
+        head = f"def {name}(memory, sample, constants, limits{more}):\n"
+        text = f"{head}{before}{update}{behind}    return after, terms\n"
+        place = f"<{name}>"
+        linecache.cache[place] = len(text), None, text.splitlines(keepends=True), place
+        exec(compile(text, place, "exec"), names)
+        fields = {"config": Config, "terms": Terms, "units": {"error": "rad"}}
+        fields |= _FIELDS.get(name, {})
+        yield name, (check, Law(name, "Faulty", update=names[name], memory=Memory(), **fields))
+
+
+FAULTS = dict(_faults())
