@@ -10,29 +10,43 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest.mock import patch
 
+from ros2_ws.src.trunk_experiments.test.cpp_device import (
+    CppDevice,
+    kernel_and_words,
+    summary_in,
+)
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import content
+
+from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.batch.block import summary_of
+from trunk_experiments.batch.block import RunSummary, summary_of
 from trunk_experiments.batch.check import column_difference, lane_columns
 from trunk_experiments.batch.compiled_run import Batch
+from trunk_experiments.batch.kernel import fitted
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.branch import Branch, branch_plan, record_branch
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
+from trunk_experiments.runs import engine
 from trunk_experiments.runs.engine import states_of_run
 from trunk_experiments.runs.graph import run_graph
 from trunk_experiments.runs.offline_recording import record_offline, record_states
 from trunk_experiments.runs.run_files import RunFiles
 from trunk_msgs_util import topics
+from trunk_msgs_util.recording import writer
 from trunk_msgs_util.recording.joint_table import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.simulation import DivergedError
 
 from ..exported.loops import table_in_c
+from .one_by_one import record_one_by_one
 
 Columns = Mapping[str, Floats]
-Repeats = Callable[[RunPlan, RecordedRun, Path, int], Iterator["RecordedRun | Columns"]]
+Made = RecordedRun | Columns | RunSummary
+Repeats = Callable[[RunPlan, RecordedRun, Path, int], Iterator[Made]]
 
 
 def reference(plan: RunPlan, folder: Path) -> RecordedRun:
@@ -55,6 +69,26 @@ def _compiled(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Itera
     with suppress(DivergedError):
         compiled = states_of_run(plan, compiled=True)
         record_states(plan, compiled, path, tuple(plan.controllers), overwrite=True)
+    yield RecordedRun.open(path)
+
+
+def _stretches(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[RecordedRun]:
+    """In stretches of 70 states, and several chunks in one; CPython's code must not be called."""
+    with (
+        patch.object(engine, "longest", lambda substeps: 70),
+        patch.object(writer, "CHUNK_SIZE", 30_000),
+        patch.object(engine, "_plain_code", None),
+    ):
+        (made,) = _compiled(plan, run, folder, seed)
+    assert content(made.path).messages == content(run.path).messages
+    yield made
+
+
+def _messages(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[RecordedRun]:
+    """Message by message, as the nodes record it."""
+    path = folder / "messages.mcap"
+    record_one_by_one(plan, path)
+    assert content(path).messages == content(run.path).messages
     yield RecordedRun.open(path)
 
 
@@ -85,16 +119,24 @@ def branched_at(run: RecordedRun, branch: Branch, path: Path) -> RecordedRun:
     return RecordedRun.open(path)
 
 
-def _batch(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[Columns]:
+def _batch(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[Made]:
     """In one compiled call."""
     yield vars(Batch().run(plan).table)
+    yield summary_of(plan, Batch())
 
 
-def _lanes(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[Columns]:
-    """In the first lane of a block and in its last, with the metrics of a run of its own."""
-    summary, lanes = lane_columns(plan) or (None, [])
-    assert summary is None or summary == summary_of(plan, Batch())
-    yield from lanes
+def _lanes(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[Made]:
+    """In the first lane of a block and in its last."""
+    if in_lanes := lane_columns(plan):
+        summary, lanes = in_lanes
+        yield from (summary, *lanes)
+
+
+def _kernel(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[RunSummary]:
+    """By two threads of a kernel."""
+    if not isinstance(fitted(plan), str):
+        outcomes = CppDevice(folder).run(*kernel_and_words([plan, plan]))
+        yield from (summary_in(outcomes, thread) for thread in range(2))
 
 
 def _c(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[Columns]:
@@ -123,10 +165,13 @@ def _graph(composed: bool) -> Repeats:
 IN_ONE_PROCESS: dict[str, Repeats] = {
     "recorded": _recorded,
     "compiled": _compiled,
+    "stretches": _stretches,
+    "messages": _messages,
     "like": _like,
     "branch": _branch,
     "batch": _batch,
     "lanes": _lanes,
+    "kernel": _kernel,
     "c": _c,
 }
 PATHS = IN_ONE_PROCESS | {"composed": _graph(True), "processes": _graph(False)}
@@ -144,8 +189,19 @@ def differences(
     return found if made else None
 
 
-def difference(run: RecordedRun, other: RecordedRun | Columns) -> list[str]:
+def _summary(run: RecordedRun) -> RunSummary:
+    """Return the outcome of a recorded run."""
+    table, fell = RunTable.of_run(run), run.recording.fell_at_ns is not None
+    if not run.recording.complete:
+        return RunSummary(None, float(table.t[-1]), fell=fell)
+    return RunSummary(metrics(table), fell=fell)
+
+
+def difference(run: RecordedRun, other: Made) -> list[str]:
     """Return in what a run differs from one by CPython; nothing if all bits are equal."""
+    if isinstance(other, RunSummary):
+        expected = _summary(run)
+        return [] if repr(other) == repr(expected) else [f"{other}, {expected} expected"]
     if not isinstance(other, RecordedRun):
         line = column_difference(RunTable.of_run(run), other)
         return [line] if line else []

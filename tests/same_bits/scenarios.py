@@ -116,6 +116,7 @@ SCENARIOS = {
     "fuzzy": Scenario("fig8", "fuzzy_pid", 1.2),
     "noise and delay": Scenario("demo", "pid", 1.5, _NOISE),
     "swaps": Scenario("demo", "pid", 1.5, (), ("0.4:fuzzy_pid", "0.9:lqr", "1.2:pid")),
+    "pictures": Scenario("fig9", "pid", 0.6, ("recorder.markers=true",), ("0.25:lqr",)),
     "a slow controller": Scenario(
         "demo", "computed_torque", 1.5, ("computed_torque.update_rate=50",)
     ),
@@ -146,7 +147,7 @@ SCENARIOS = {
     ),
     "divergence": Scenario("fig6", "pid", 2.0, ("pid.gains.d=5000",)),
     "changes": Scenario(
-        *("demo", "fuzzy_pid", 1.5),
+        *("demo", "fuzzy_pid", 1.5, ("recorder.markers=true",)),
         changes={
             "fuzzy_pid": [
                 Change(-1, {"fuzzy.consequents": "log"}),

@@ -1,4 +1,4 @@
-"""One plan by every path: compiled, again, branched, in one call, in lanes, in C: the bits of CPython."""
+"""One plan by every path, from compiled code to a kernel: the bits of CPython."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ PLANS: dict[str, Callable[[], RunPlan]] = {
     **{f"random {i}": partial(random_plan, i) for i in (3, 8, 14)},
     **{f"random links {i}": partial(random_links, i, 5) for i in range(3)},
 }
-ONE_CALL = {"batch", "lanes", "c"}
+ONE_CALL = {"batch", "lanes", "kernel", "c"}
 NOT_TAKEN = {
-    **{name: {"lanes"} for name in PLANS if "links" in name or "random" in name},
+    **{name: {"lanes", "kernel"} for name in PLANS if "links" in name or "random" in name},
     **{
-        name: {"lanes"}
+        name: {"lanes", "kernel"} if scenario.swaps else {"lanes"}
         for name, scenario in SCENARIOS.items()
         if scenario.swaps or "simulator.fall.stop=true" in scenario.settings
     },
-    "a sensor that always fails": {"lanes"},
+    "a sensor that always fails": {"lanes", "kernel"},
     **{name: ONE_CALL for name, one in SCENARIOS.items() if one.changes or one.references},
     "divergence": {"recorded", "like", "branch", "lanes"},
 }
@@ -46,7 +46,7 @@ NO_COMPILER = not (shutil.which("gcc") or shutil.which("clang"))
 
 
 @pytest.mark.slow
-@pytest.mark.one_in(3)
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize(("name", "path"), CELLS)
 def test_every_path_has_the_bits_of_cpython(name: str, path: str, tmp_path: Path) -> None:
     if path == "c" and NO_COMPILER:

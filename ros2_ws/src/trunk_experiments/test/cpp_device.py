@@ -11,8 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from trunk_experiments.analysis.metrics import MetricNumbers
-from trunk_experiments.batch.kernel import FATES, Computed, Kernel, Words
+from trunk_experiments.analysis.metrics import MetricNumbers, metrics_from
+from trunk_experiments.batch.block import RunSummary
+from trunk_experiments.batch.kernel import (
+    FATES,
+    UNSOUND,
+    UNSTABLE,
+    Computed,
+    Kernel,
+    Words,
+    kernel_of,
+    start_of_run,
+    words_of,
+)
+from trunk_experiments.plans.plan import RunPlan
 
 from .c_programs import compiled_once
 
@@ -78,3 +90,21 @@ class CppDevice:
         library = source.with_suffix(".so")
         assert compiled_once([str(COMPILER), *self._flags, source], library) == ""
         return ctypes.CDLL(str(library))
+
+
+def kernel_and_words(plans: Sequence[RunPlan]) -> tuple[Kernel, Words]:
+    """Return the kernel of plans that have the same, and the words of their runs."""
+    starts = [start_of_run(plan) for plan in plans]
+    (kernel,) = {kernel_of(plan.controller_name, s) for plan, s in zip(plans, starts, strict=True)}
+    return kernel, words_of(kernel, [(start, 1) for start in starts])
+
+
+def summary_in(outcomes: Computed, run: int) -> RunSummary | None:
+    """Return a run's outcome; None if it needs the CPU."""
+    numbers = outcomes.metrics[:, run].tolist()
+    if outcomes.fates[run] == UNSOUND:
+        return None
+    fell = bool(outcomes.fell[run])
+    if outcomes.fates[run] == UNSTABLE:
+        return RunSummary(None, numbers[0], fell=fell)
+    return RunSummary(metrics_from(MetricNumbers(*numbers)), fell=fell)

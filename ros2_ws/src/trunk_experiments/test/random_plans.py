@@ -6,6 +6,7 @@ during the run) is drawn near its usual value. A new parameter needs no change h
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any
@@ -308,3 +309,49 @@ def _controller(draw: Draw, name: str, rate: float) -> dict[str, Value]:
         "reference.times": tuple(times),
         "reference.values": tuple(draw.rng.uniform(-1.0, 1.0, 3).tolist()),
     }
+
+
+DISTURBED = (
+    "simulator.sensor.position_noise=0.004",
+    "simulator.sensor.velocity_bias=0.01",
+    "simulator.sensor.delay=0.01",
+    "disturbance.pulse.start_times=[0.1, 0.3]",
+    "disturbance.pulse.magnitude=3.0",
+    "disturbance.pulse.channel=trunk_effort",
+    "disturbance.sine.amplitude=0.4",
+    "disturbance.noise.rms=0.3",
+)
+
+
+def several(
+    name: str,
+    settings: Sequence[str] = (),
+    count: int = 12,
+    duration: float = 0.6,
+    rate: float = 500.0,
+) -> list[RunPlan]:
+    """Return plans of different trunks, references, disturbances and noises."""
+    everywhere = {"duration": duration, "update_rate": rate}
+    plan = make_plan("fig8", name, settings=settings, everywhere=everywhere)
+    rng = np.random.default_rng(5)
+    plans = []
+    for i in range(count):
+        mass, angle, level = rng.uniform([0.3, -0.5, 0.1], [0.8, 0.5, 0.4]).tolist()
+        simulator = replace(
+            plan.simulator, trunk_mass=mass, initial_position=(0.0, angle), seed=7 + i
+        )
+        disturbance = plan.disturbance
+        if disturbance is not None:
+            starts = (0.1 * level, 0.3 + 0.1 * level)
+            disturbance = replace(disturbance, pulse_start_times=starts, noise_seed=i)
+        controller = replace(plan.controller, reference_amplitude=level)
+        plans.append(
+            replace(
+                plan,
+                scenario=f"{name} {i}",
+                simulator=simulator,
+                disturbance=disturbance,
+                controllers={name: controller},
+            )
+        )
+    return plans

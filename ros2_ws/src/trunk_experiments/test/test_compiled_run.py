@@ -16,8 +16,6 @@ import numpy as np
 import pytest
 
 from trunk_control.laws import law_named
-from trunk_experiments.analysis.metrics import metrics
-from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.batch import compiled_run
 from trunk_experiments.batch.check import first_difference
 from trunk_experiments.batch.compiled_run import Batch, start_of_loop
@@ -25,7 +23,8 @@ from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.runs import engine
+from trunk_experiments.runs.engine import states_of_run
 from trunk_experiments.runs.loop_inputs import check_compilable
 from trunk_experiments.runs.schedule import Schedule
 from trunk_msgs_util import compiled
@@ -91,55 +90,12 @@ def test_the_same_loop_runs_in_cpython(batch):
     assert out[compiled_run.THETA].tolist() == expected.theta.tolist()
 
 
-@pytest.mark.slow
-def test_a_fall_ends_the_run_where_the_plan_says_so(batch):
-    settings = ["simulator.fall.stop=true", "simulator.fall.angle=0.6", "pid.gains.i=0.0"]
-    plan = make_plan("fig8", "pid", settings=settings)
-    outcome = batch.run(plan)
-    assert outcome.diverged_at is None
-    assert 2 < len(outcome.table.t) < 10_001
-    assert abs(outcome.table.theta[-1]) > 0.6 >= abs(outcome.table.theta[-2])
-    assert first_difference(plan, batch) is None
-
-
-@pytest.fixture(scope="module")
-def half_rate():
-    """Return a plan whose periods fit by rounding: 2 * 1428571 ns are 1 ns less than 2857143 ns."""
-    return make_plan(
-        "fig8",
-        "pid",
-        settings=["pid.update_rate=350.0", "pid.derivative_mode=rate"],
-        everywhere={"duration": 0.05, "update_rate": 700.0},
-    )
-
-
-def test_a_controller_at_half_the_plants_rate_answers_every_second_state(half_rate):
-    fresh = [step.answer.updated for step in steps(half_rate)]
-    assert fresh == [k % 2 == 0 for k in range(36)]
-
-
-def test_a_compiled_controller_at_half_the_plants_rate_does_so_too(batch, half_rate):
-    torque = batch.run(half_rate).table.torque
-    assert (torque[1::2] == torque[:-1:2]).all()
-    assert (torque[2::2] != torque[1:-1:2]).all()
-
-
-@pytest.mark.one_in(2)
-@pytest.mark.slow
-@pytest.mark.parametrize("controller", ["pid", "fuzzy_pid"])
-def test_metrics_are_those_of_the_recording(batch, short_run, controller):
-    path = short_run("fig8", controller)
-    plan = make_plan("fig8", controller, everywhere={"duration": 1.3})
-    expected = metrics(RunTable.from_run(RecordedRun.open(path)))
-    assert batch.run(plan).metrics() == expected
-
-
-def test_divergence_is_reported(batch):
-    plan = make_plan("fig6", "pid", settings=["pid.gains.d=5000"])
-    outcome = batch.run(plan)
-    assert outcome.metrics() is None
-    assert outcome.diverged_at == outcome.table.t[-1]
-    assert 0.0 < outcome.diverged_at < 1.0
+def test_a_controller_at_half_the_plants_rate_answers_every_second_state():
+    """Its periods fit by rounding: 2 * 1428571 ns are 1 ns less than 2857143 ns."""
+    settings = ["pid.update_rate=350.0", "pid.derivative_mode=rate"]
+    everywhere = {"duration": 0.05, "update_rate": 700.0}
+    plan = make_plan("fig8", "pid", settings=settings, everywhere=everywhere)
+    assert [step.answer.updated for step in steps(plan)] == [k % 2 == 0 for k in range(36)]
 
 
 def test_what_a_compiled_loop_cannot_model_is_refused_by_name(batch):
@@ -152,6 +108,23 @@ def test_what_a_compiled_loop_cannot_model_is_refused_by_name(batch):
         batch.run(replace(plan, changes={"simulator": [Change(5, {"plant.length": 2.0})]}))
     with pytest.raises(PlanError, match=r"active\.times: no controller would act at t = 0 s"):
         batch.run(plan.with_controller(replace(plan.controller, active_times=(1.0,))))
+
+
+def test_cpython_does_it_where_numba_is_missing(monkeypatch):
+    plan = make_plan("fig7", "pid", everywhere={"duration": 0.2})
+    for name in {"numba", *(name for name in sys.modules if name.startswith("numba."))}:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: True)
+    assert sum(len(states.table) for states in states_of_run(plan)) == 201
+    with pytest.raises(ImportError):
+        list(states_of_run(plan, compiled=True))
+
+
+def test_short_runs_do_not_load_the_compiler():
+    assert not engine.worth_compiling(
+        make_plan("fig8", "pid", everywhere={"duration": 0.2}).simulator
+    )
+    assert engine.worth_compiling(make_plan("fig8", "pid", everywhere={"duration": 10.0}).simulator)
 
 
 def test_fingerprints_differ_by_law_and_are_stable():

@@ -17,8 +17,8 @@ from trunk_experiments.errors import LibraryError, NotInstalledError
 from trunk_experiments.study.study import parse_study
 from trunk_experiments.study.sweep import SweepJob, processes, run_block
 
-from .cpp_device import COMPILER, CppDevice
-from .test_kernel import DISTURBED, kernel_and_words, several
+from .cpp_device import COMPILER, CppDevice, kernel_and_words
+from .random_plans import DISTURBED, several
 
 RUNS = 300
 STUDY = """

@@ -29,15 +29,8 @@ from trunk_experiments.batch.lanes import LANES, SUMS, TRACED
 from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import make_plan
 
-DISTURBED = [
-    "simulator.sensor.position_noise=0.004",
-    "simulator.sensor.velocity_bias=0.01",
-    "simulator.sensor.delay=0.003",
-    "disturbance.pulse.start_times=[0.1, 0.3]",
-    "disturbance.sine.amplitude=0.4",
-    "disturbance.noise.rms=0.3",
-    "disturbance.noise.channel=trunk_position",
-]
+from .random_plans import DISTURBED, several
+
 EVERYWHERE = {"duration": 0.6, "update_rate": 1000.0}
 
 
@@ -47,27 +40,9 @@ def batch():
 
 
 def different(name, settings=(), count=LANES):
-    """Return this many plans with different trunks, references, disturbances and noises."""
+    """Return this many plans of a block: with different trunks, references, disturbances and noises."""
     slow = [f"{name}.update_rate=200.0", f"{name}.reference.profile=sine"]
-    plan = make_plan("fig8", name, settings=[*slow, *settings], everywhere=EVERYWHERE)
-    rng = np.random.default_rng(5)
-    plans = []
-    for i in range(count):
-        mass, angle, level = rng.uniform([0.3, -0.5, 0.1], [0.8, 0.5, 0.4]).tolist()
-        disturbance = plan.disturbance
-        if disturbance is not None and disturbance.noise_rms:
-            disturbance = replace(disturbance, noise_seed=i, pulse_magnitude=5.0 * level)
-        plans.append(
-            replace(
-                plan,
-                simulator=replace(
-                    plan.simulator, trunk_mass=mass, initial_position=(0.0, angle), seed=i
-                ),
-                disturbance=disturbance,
-                controllers={name: replace(plan.controller, reference_amplitude=level)},
-            )
-        )
-    return plans
+    return several(name, [*slow, *settings], count, rate=1000.0)
 
 
 @pytest.mark.parametrize("rate", [200.0, 600.0, 1400.0, 20_000.0])
@@ -118,7 +93,11 @@ def test_a_lane_that_diverges_stops_alone(batch):
 
 
 def test_a_fall_that_ends_its_run_leaves_the_others(batch):
-    settings = ["simulator.fall.stop=true", "simulator.fall.angle=0.42"]
+    settings = [
+        "simulator.fall.stop=true",
+        "simulator.fall.angle=0.42",
+        "disturbance.pulse.magnitude=0.0",
+    ]
     plans = different("pid", settings)
     left = [one is None for one in run_block("pid", [regular_run(plan) for plan in plans])]
     assert 0 < sum(left) < LANES
