@@ -140,7 +140,7 @@ SCENARIOS = {
     "a sensor that always fails": Scenario(
         "demo", "pid", 0.3, (*LINKS, "simulator.sensor.dropout=1")
     ),
-    "a fall": Scenario("fig7", "pid", 1.2),
+    "a fall": Scenario("fig8", "pid", 1.2, ("simulator.fall.angle=0.53",)),
     "an end by a fall": Scenario("fig8", "pid", 10.0, _FALL),
     "a fall in the first state": Scenario(
         "demo", "pid", 0.5, ("simulator.fall.stop=true", "simulator.fall.angle=0.5")
