@@ -15,8 +15,6 @@ A test that hangs is ended after the `timeout` of pyproject.toml, one in a brows
 comes sooner; their seconds grow longer on a busy machine.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import re

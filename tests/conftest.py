@@ -1,7 +1,5 @@
 """Fixtures that tidy up can see whether their test failed; small recordings to read."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from pathlib import Path
 

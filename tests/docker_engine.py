@@ -1,7 +1,5 @@
 """A Docker engine, or where none answers a clean Debian that follows a Dockerfile's steps."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

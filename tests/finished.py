@@ -1,7 +1,5 @@
 """Commands that a test waits for."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path

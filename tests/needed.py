@@ -6,8 +6,6 @@ Without files: those that differ from the last commit; if none does, those of th
 by its entry point, not by an import: what any law does, the shares of seeds and of the same bits test.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Recordings of real-time runs, made without processes: with sources, and with what acted on the plant."""
 
-from __future__ import annotations
-
 import struct
 from collections import Counter
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Modules of scripts/, which is not a package, for tests."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from pathlib import Path

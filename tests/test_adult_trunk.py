@@ -1,7 +1,5 @@
 """The walking adult trunk: its numbers follow from their sources, its gains from trunk tune."""
 
-from __future__ import annotations
-
 from math import pi
 
 import pytest

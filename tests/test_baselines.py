@@ -1,7 +1,5 @@
 """The baselines as whole runs: recorded, verified from the record, and as good as theory predicts."""
 
-from __future__ import annotations
-
 import pytest
 
 from trunk_experiments.analysis.metrics import metrics

@@ -1,7 +1,5 @@
 """Each benchmark runs, briefly; those that compare with other libraries refuse sides that do not agree."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """`scripts/bootstrap.sh` says first what it costs, then how far it is; pip is a stand-in here."""
 
-from __future__ import annotations
-
 import os
 import pty
 import re

@@ -1,7 +1,5 @@
 """The examples around an exported controller compile, and the sketch commands."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What was changed while a run went on is shown by every verb that shows a run."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Every verb with closed standard streams, or readers that have left: its exit code stays what it says."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Compiled code is kept on disk, by one process at a time."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

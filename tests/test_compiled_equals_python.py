@@ -1,7 +1,5 @@
 """The scalar functions, compiled by numba from the same sources, give the bits of CPython."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from itertools import product
 from math import nan, pi

@@ -1,7 +1,5 @@
 """The limit of time of all tests, on a busy machine too; whose turn it is of the tests that run in part."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from itertools import chain, count, takewhile

@@ -4,8 +4,6 @@ The long tests use Docker where an engine answers and has, or can pull, the base
 the `slim` target's steps in a clean Debian; what only an engine does is then skipped.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -4,8 +4,6 @@ A row is a variable with a value that is bad, or changes what a library does. Th
 used are in `test_middleware.py`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """The errors of all packages are one family, and the command line knows only its root."""
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
 from inspect import getmembers, isclass

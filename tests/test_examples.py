@@ -1,7 +1,5 @@
 """The examples run, and say in one line what is wrong."""
 
-from __future__ import annotations
-
 import sys
 from math import pi
 from pathlib import Path

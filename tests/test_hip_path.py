@@ -1,7 +1,5 @@
 """A user's own hip path: every way to run it gives the same bits, and its recording verifies."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf, nextafter
 

@@ -1,7 +1,5 @@
 """What `trunk verify` once accused wrongly, each as a separate run or record."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

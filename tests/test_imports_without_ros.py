@@ -1,7 +1,5 @@
 """Everything except the node shells works without ROS, and everything is installed."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

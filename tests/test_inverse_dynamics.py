@@ -1,7 +1,5 @@
 """The controller's inverse dynamics invert the plant's accelerations: two solutions of one Lagrangian."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Runs in real time whose commands came late are marked, and are never the best."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """docs/api.md: its code runs as printed, a type checker passes it; tests/inventory has the contract."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

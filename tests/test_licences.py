@@ -1,7 +1,5 @@
 """The licence check: which licence it takes a package to have, what it refuses, and its list kept by hand."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """The metrics of the reference runs, simulated by the packages' pure functions."""
 
-from __future__ import annotations
-
 from math import inf, pi
 
 import numpy as np

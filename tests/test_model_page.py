@@ -1,7 +1,5 @@
 """The equations of docs/model.md are those that the functions compute: parsed, and compared in numbers."""
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 from pathlib import Path

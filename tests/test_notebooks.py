@@ -1,7 +1,5 @@
 """The notebooks in examples/ run from top to bottom, and draw."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

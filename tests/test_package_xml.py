@@ -1,7 +1,5 @@
 """Each package.xml declares what the package's code and tests import, and nothing else."""
 
-from __future__ import annotations
-
 import ast
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What all pages do alike, whether live, a report or a lab: on each screen, in the dark, on paper, by key."""
 
-from __future__ import annotations
-
 import pytest
 from ros2_ws.src.trunk_experiments.test.graph_double import ServedGraph
 from ros2_ws.src.trunk_experiments.test.page_driver import (

@@ -1,7 +1,5 @@
 """docs/parameters.md: the files and commands in two of its sections work word for word."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

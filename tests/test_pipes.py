@@ -1,7 +1,5 @@
 """A named pipe in place of a file is refused at once: reading it would wait for a writer for ever."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What decides a bit is made of operations that IEEE 754 fixes: a check of the sources."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

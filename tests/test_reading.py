@@ -1,7 +1,5 @@
 """The reader against rosbags, to the last bit, over all kinds of files."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """README.md and the pages: tables as declared, examples as they are; scripts/docs.sh checks their links."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

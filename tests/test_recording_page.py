@@ -1,7 +1,5 @@
 """docs/recording.md: the program that reads a recording without this project, as printed."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

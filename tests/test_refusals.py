@@ -1,7 +1,5 @@
 """A wrong parameter is refused in one line: its name and value, what is allowed, where it was given."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Locks are complete, and only what they name with its hash gets installed."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -1,7 +1,5 @@
 """The files for ros2_control agree with our nodes' declarations."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree
 

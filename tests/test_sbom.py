@@ -1,7 +1,5 @@
 """The bill of materials lists what runs; scripts/sbom.sh checks it against CycloneDX's schema."""
 
-from __future__ import annotations
-
 import json
 import sys
 from contextlib import redirect_stderr, redirect_stdout

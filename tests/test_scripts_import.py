@@ -1,7 +1,5 @@
 """What scripts, and the checks among the tests, import from the packages exists: no test runs them all."""
 
-from __future__ import annotations
-
 import ast
 from importlib import import_module
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The site of docs/: scripts/docs.sh builds it without a warning; it asks no other host for anything."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The stand-in for `ros2`, and scripts/run.sh before anything is set up."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

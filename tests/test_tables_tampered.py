@@ -1,7 +1,5 @@
 """A reference and a disturbance from tables, and random pulses: a changed value is found by verify."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, content, write

@@ -3,8 +3,6 @@
 A selection of python -m tests.tampering.check, which edits recordings of the graph, too.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

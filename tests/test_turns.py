@@ -1,7 +1,5 @@
 """Runs in which controllers take turns, and runs in which the trunk falls: recorded, judged, rebuilt."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 

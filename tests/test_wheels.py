@@ -1,7 +1,5 @@
 """One version everywhere; wheels that declare what they need, and work without ROS and a checkout."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

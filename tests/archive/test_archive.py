@@ -1,7 +1,5 @@
 """Honest recordings of earlier versions, each named after the commit that made it: none is ever accused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The commands of docs/sweep.md that branch a run work."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Parents that are cut or edited: branched as far as they verify, and no further."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Exported controllers on every compiler and processor that there is, with random states."""
 
-from __future__ import annotations
-
 import platform
 import random
 import re

@@ -1,7 +1,5 @@
 """The closed loop of a plan in C, compiled, and run beside the same loop in CPython."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import tempfile

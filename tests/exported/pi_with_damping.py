@@ -1,7 +1,5 @@
 """PI with damping, and a short history in its memory: a law as somebody else writes it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

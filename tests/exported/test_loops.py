@@ -1,7 +1,5 @@
 """The closed loop as C, and the contract: everything that the compiled loop reaches can be translated."""
 
-from __future__ import annotations
-
 import shutil
 
 import numpy as np

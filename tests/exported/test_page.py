@@ -1,7 +1,5 @@
 """docs/export_c.md: its commands, word for word."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Sizes on a Cortex-M4: text with tables, and the deepest stack of an update; libgcc apart."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

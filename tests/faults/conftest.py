@@ -1,7 +1,5 @@
 """The same domains, processes and listener as for the other tests of the graph; how long each end took."""
 
-from __future__ import annotations
-
 import os
 from typing import Any
 

@@ -3,8 +3,6 @@
 ``python -m tests.faults.matrix docs/faults.md`` writes the table into the page.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """A disk that is full, read-only or gone: one clear line, a run that stops cleanly, no partial results."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Signals to a program that is still loading, and Ctrl-C to ``trunk`` at any instant."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from collections.abc import Callable

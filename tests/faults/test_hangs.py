@@ -1,7 +1,5 @@
 """Processes that hang for good: the run ends and names the process."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -3,8 +3,6 @@
 A sixth of a selection runs each time; TRUNK_FAULTS=all python -m pytest tests/faults runs every cell.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """A second node of a name, or a second controller, is refused before it acts; the first run stays whole."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

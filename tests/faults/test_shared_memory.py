@@ -1,7 +1,5 @@
 """Shared memory that is scarce or full, and settings that ROS 2 cannot use: either is named in a line."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -6,8 +6,6 @@
 Exit code 1 if something differs; a line for each difference.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """What is in a recording, as digests: a short one for each topic."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from hashlib import blake2b

@@ -1,7 +1,5 @@
 """What a run may have, by name, each as settings; LAW stands for the controller's name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 _FALLS = (

@@ -1,7 +1,5 @@
 """The runs whose recordings are frozen: the plan of each by its name, how it runs, and what comes of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Runs record what was frozen of them, to the bit: only here shows what changes on all paths at once."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

@@ -7,8 +7,6 @@ threads, by texts that are compiled once more, and in parts as if its memory wer
 cores. Then it times a million runs. ``--cpp``: g++ and the processor stand for the card, without the times.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

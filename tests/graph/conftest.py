@@ -1,7 +1,5 @@
 """Real processes over real DDS: each test has its own ROS domain and leaves no process behind."""
 
-from __future__ import annotations
-
 import gc
 import os
 import socket

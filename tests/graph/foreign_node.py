@@ -1,7 +1,5 @@
 """Nodes of somebody else's, each with one fault, all in one process: foreign_node.py NAMESPACE=FAULT …"""
 
-from __future__ import annotations
-
 import random
 import sys
 import time

@@ -4,8 +4,6 @@ Each is a process of its own all the same, with its own environment, signals and
 imports, more than half of a node's start, are not repeated.
 """
 
-from __future__ import annotations
-
 import faulthandler
 import os
 import sys

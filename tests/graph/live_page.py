@@ -1,7 +1,5 @@
 """`trunk live` in a headless Chromium, as a person uses it: an address, a page, a mouse."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from typing import Any

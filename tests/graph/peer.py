@@ -1,7 +1,5 @@
 """The test's own node in the graph: it subscribes, publishes, and calls services."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The nodes of a plan as real processes, and what is still to be done to them, each thing at its time."""
 
-from __future__ import annotations
-
 import signal
 import time
 from collections import defaultdict

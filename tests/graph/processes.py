@@ -1,7 +1,5 @@
 """Processes under test: started, found again wherever they come from, never left behind."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

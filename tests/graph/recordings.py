@@ -1,7 +1,5 @@
 """Checks of a recording's file by readers other than our own."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A robot that is not ours: balanced by our controller, recorded, its commands judged."""
 
-from __future__ import annotations
-
 import math
 import random
 import struct

@@ -3,8 +3,6 @@
 The test is the only controller, so it decides to the bit what acts on the plant.
 """
 
-from __future__ import annotations
-
 import signal
 from math import inf, nan
 

@@ -1,7 +1,5 @@
 """A wrong parameter ends a node at start: code 2, one line with name, value and what is allowed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

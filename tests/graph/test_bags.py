@@ -1,7 +1,5 @@
 """A run's folder is a bag to rosbag2's conventions: read, played and recorded again."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from pathlib import Path
 

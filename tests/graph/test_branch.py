@@ -1,7 +1,5 @@
 """Runs of the real nodes are branched: their past as recorded, what follows simulated; both verify."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A callback that raises, a defect: the process ends with code 1, and what was recorded is kept."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

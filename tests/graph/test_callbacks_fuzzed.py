@@ -5,8 +5,6 @@ nothing is raised, and counters only grow. The examples are the same each time; 
 eighty times as many, different ones each time.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import struct

@@ -1,7 +1,5 @@
 """`trunk controller check-node`: what a running node does otherwise than it should is named."""
 
-from __future__ import annotations
-
 import json
 import signal
 import sys

@@ -1,7 +1,5 @@
 """The demo: the whole graph in real time, and ``scripts/demo.sh`` with the same bits on any machine."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

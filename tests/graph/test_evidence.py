@@ -1,7 +1,5 @@
 """What a node has published is recorded before the node ends, or the recording says what is missing."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 

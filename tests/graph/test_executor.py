@@ -1,7 +1,5 @@
 """LoopExecutor does with rclpy's own entities what rclpy's executor does."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise

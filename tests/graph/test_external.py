@@ -1,7 +1,5 @@
 """A controller that is not ours: connected, recorded, measured and judged as ours are."""
 
-from __future__ import annotations
-
 import json
 import signal
 import sys

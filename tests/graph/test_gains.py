@@ -1,7 +1,5 @@
 """Fuzzy-PID's gains alone: the same bits as ``fuzzy_pid``; somebody else's PID holds the plant with them."""
 
-from __future__ import annotations
-
 import re
 import signal
 from pathlib import Path

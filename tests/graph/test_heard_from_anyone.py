@@ -1,7 +1,5 @@
 """The recorder hears every publisher, whatever its name and quality of service, or says what it missed."""
 
-from __future__ import annotations
-
 import signal
 from itertools import chain
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Documents of verbs that talk to ROS 2: nothing else is on stdout, not even what Fast DDS prints."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Managed nodes: ROS 2's ordinary transitions in any order."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A person at the live page: what they do reaches the running graph, is on the record, and verifies."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

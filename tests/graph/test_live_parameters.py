@@ -1,7 +1,5 @@
 """Parameters changed by ROS 2's ordinary services: checked as a set, active at once, and recorded."""
 
-from __future__ import annotations
-
 import re
 from itertools import count
 

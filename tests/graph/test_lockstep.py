@@ -1,7 +1,5 @@
 """Lock-step: processes and composed nodes give the bits of the offline run, under any load and order."""
 
-from __future__ import annotations
-
 import random
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A run begins when each node that answers is matched both ways; its clock comes before its states."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """Two node sets side by side, each in its namespace: neither receives anything from the other."""
 
-from __future__ import annotations
-
 import shlex
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A person pushes the running trunk: the push is recorded, and the run is recomputed and repeated."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The commands of the pages, word for word and in order, in an empty folder."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """`ros2 param load` and this project's commands read what `ros2 param dump` writes of a node."""
 
-from __future__ import annotations
-
 from math import inf
 from pathlib import Path
 from typing import Any

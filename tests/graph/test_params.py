@@ -1,7 +1,5 @@
 """``trunk params``: a file, or some values, set in a running node, all or none, and what mistakes lead to."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from itertools import count

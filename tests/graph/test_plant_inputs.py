@@ -1,7 +1,5 @@
 """What acted on the plant in each state is on record, with who sent it; seeds hold it of any run."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The loop's quality of service: best effort in real time, reliable in lock-step, and as a user says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

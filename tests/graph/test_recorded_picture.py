@@ -1,7 +1,5 @@
 """A recorder that is asked for a picture records it as it hears the run; the run still verifies."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

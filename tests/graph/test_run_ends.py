@@ -3,8 +3,6 @@
 The tests call the callbacks of nodes in this process.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import subprocess

@@ -4,8 +4,6 @@ Virtual runs last tenths of a second; here they last seconds, and the faults com
 lock-step the plant is held to the clock's pace, so that a fault hits its step, give or take a few.
 """
 
-from __future__ import annotations
-
 import random
 import time
 from collections.abc import Set

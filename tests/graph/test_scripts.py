@@ -1,7 +1,5 @@
 """What is run before a release, briefly: it does what it says, and leaves nothing behind."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -1,7 +1,5 @@
 """The services of simulator and controller, called in a run that is recorded and then verified."""
 
-from __future__ import annotations
-
 import time
 from math import pi
 from pathlib import Path

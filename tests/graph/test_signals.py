@@ -1,7 +1,5 @@
 """Nodes that are told to end, or killed: exit codes (docs/faults.md), and what the recording says of it."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 

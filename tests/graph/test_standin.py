@@ -1,7 +1,5 @@
 """The stand-in for `ros2` on real nodes answers as ros2cli, whose texts are written out here."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Callable
 from itertools import count

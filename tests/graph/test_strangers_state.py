@@ -1,7 +1,5 @@
 """What somebody else publishes does not pass for the run's own: a state, or an operator's push."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Controllers that take over from each other, or join, while the plant moves; a simulator begun anew."""
 
-from __future__ import annotations
-
 import struct
 from functools import partial
 from pathlib import Path

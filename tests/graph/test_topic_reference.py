@@ -1,7 +1,5 @@
 """A reference from a topic holds as long as the profile is ``topic``, and not a state longer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

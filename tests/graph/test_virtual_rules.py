@@ -1,7 +1,5 @@
 """The rules of the virtual network (tests/seeds) are those of the middleware."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import pytest

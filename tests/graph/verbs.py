@@ -1,7 +1,5 @@
 """Verbs that need no process of their own run in this one, which has loaded them once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from click.testing import CliRunner

@@ -4,8 +4,6 @@ The test is a process of the world, as its nodes are, and time is virtual for it
 TRUNK_SEED if it is in the environment, draw how long messages and discovery take.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

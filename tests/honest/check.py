@@ -7,8 +7,6 @@ recording must not diverge; if it is marked as complete, nothing that acted is m
 a clean run is verified.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """What happens in an honest run in real time, drawn from a seed: its plan, and incidents during it."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Callable, Mapping
 from dataclasses import replace

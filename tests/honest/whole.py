@@ -1,7 +1,5 @@
 """What a file that is marked as complete lacks, by other readers than ours: mcap and rosbags."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

@@ -7,8 +7,6 @@ units, and outputs in the wrong place. ``{input}`` stands for the verb's input, 
 exists, with the suffix that the verb writes.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Small files that claim, or unpack to, far more than they hold."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -6,8 +6,6 @@
 Of all files, then also how soon a signal ends each verb.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """The same domains, processes and listener as for the other tests of the graph."""
 
-from __future__ import annotations
-
 from ..graph.conftest import children, domain, domains, peer
 
 __all__ = ["children", "domain", "domains", "peer"]

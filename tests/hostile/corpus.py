@@ -4,8 +4,6 @@ FOLDER is the ``corpus`` of scripts/fuzz_reader.sh. The shortest files come firs
 large as it may be.
 """
 
-from __future__ import annotations
-
 import io
 import lzma
 import sys

@@ -3,8 +3,6 @@
 Any file is read to its end or refused by a TrunkError; anything else is a finding.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Files whose index lies, and bags whose metadata do."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import struct

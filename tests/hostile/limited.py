@@ -1,7 +1,5 @@
 """A verb in a child of this process, under limits of memory and time; its parent has loaded the modules."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

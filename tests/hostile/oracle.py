@@ -1,7 +1,5 @@
 """What other libraries read in the same file: messages by topic, the trunk's true angles."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections import Counter

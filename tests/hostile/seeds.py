@@ -1,7 +1,5 @@
 """Small recordings to begin fuzzing with: python -m tests.hostile.seeds FOLDER"""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

@@ -5,8 +5,6 @@
 The promised second is for a machine that is otherwise idle.
 """
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Recordings of a run that were changed: something left out, put in, or renamed, as in other robots' bags."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from math import inf, nan

@@ -1,7 +1,5 @@
 """A selection of hostile files, under the limits of python -m tests.hostile.check."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from pathlib import Path

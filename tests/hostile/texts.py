@@ -1,7 +1,5 @@
 """Parameter files, studies and values of --set that are more than they seem."""
 
-from __future__ import annotations
-
 _HEAD = "/**:\n  ros__parameters:\n"
 
 

@@ -6,8 +6,6 @@ Compares with `inventory.txt`, a line for each thing, and prints what differs as
 anything does. ``write``: freeze what is there now.
 """
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import json

@@ -3,8 +3,6 @@
 python -m tests.lab.check [EXPERIMENTS] [FILES]: how many of each; exit code 1 if a bit differs.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """A lab's page, made by the verb and opened in Chromium."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

@@ -1,7 +1,5 @@
 """Labs, each made once; random experiments of one, and the runs that they mean to CPython and numba."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

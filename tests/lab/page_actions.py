@@ -1,7 +1,5 @@
 """What tests do with a lab's page in Chromium."""
 
-from __future__ import annotations
-
 import json
 import shlex
 

@@ -1,7 +1,5 @@
 """The lab's page computes the same bits in Chromium and in Firefox as its engines in Node."""
 
-from __future__ import annotations
-
 import pytest
 
 from trunk_experiments.lab.data import write

@@ -1,7 +1,5 @@
 """The lab's page as a user sees it: push, change, branch, scrub, link; in Chromium."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

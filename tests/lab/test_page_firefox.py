@@ -1,7 +1,5 @@
 """The lab's page in Firefox: push by mouse, knob, rule cell, branch, link, nonsense, save."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

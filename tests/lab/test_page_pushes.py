@@ -1,7 +1,5 @@
 """Pushes by hand in a lab, however short; and a run that diverges."""
 
-from __future__ import annotations
-
 import pytest
 
 pytestmark = pytest.mark.browser

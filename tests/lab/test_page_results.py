@@ -1,7 +1,5 @@
 """What a lab's page shows and gives away: commands, numbers, files; looks and access; in Chromium."""
 
-from __future__ import annotations
-
 import shlex
 
 import pytest

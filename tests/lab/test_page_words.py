@@ -1,7 +1,5 @@
 """What a lab's page says in words: what acts, who fell, which number is best, what a saved file holds."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """A lab's runs in Node have the bits of the project's own, whatever is changed, pushed or branched."""
 
-from __future__ import annotations
-
 import json
 import math
 import random

@@ -1,7 +1,5 @@
 """Experiments that a page saves: `trunk simulate --like` records them, and compares the bits."""
 
-from __future__ import annotations
-
 import csv
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Runs over bad links: verified, branched, doubted and counted like runs without."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

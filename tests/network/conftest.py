@@ -1,7 +1,5 @@
 """Real processes on two hosts, which a test may cut off from each other."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from pathlib import Path

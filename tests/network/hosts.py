@@ -1,7 +1,5 @@
 """Hosts on a network: network namespaces of this machine, each on its own link to one switch."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -3,8 +3,6 @@
 It is a separate process: Fast DDS reads the addresses of its host once in a process.
 """
 
-from __future__ import annotations
-
 import json
 import signal
 import sys

@@ -1,7 +1,5 @@
 """A process that prints what it hears of a run, a JSON object a line: ``torque`` or ``diagnostics``."""
 
-from __future__ import annotations
-
 import json
 import signal
 from threading import Event

@@ -1,7 +1,5 @@
 """A run whose nodes a test starts on the hosts of its choice, as `docs/hosts.md` says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from trunk_experiments.plans.plan import RunPlan

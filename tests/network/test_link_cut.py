@@ -1,7 +1,5 @@
 """Real time, and the link between simulator and controller cut for 2 s: no torque, then control again."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from collections.abc import Callable

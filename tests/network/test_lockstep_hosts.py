@@ -1,7 +1,5 @@
 """Lock-step over two hosts: the bits of the offline run; a dead link ends it with the silent node named."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from pathlib import Path

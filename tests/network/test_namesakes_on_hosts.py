@@ -1,7 +1,5 @@
 """A second simulator and recorder on another host end before they take part; the first run stays whole."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

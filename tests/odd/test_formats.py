@@ -1,7 +1,5 @@
 """Recordings as strangers make them: each verb says what is odd about one, and shows no nonsense."""
 
-from __future__ import annotations
-
 import pytest
 from mcap.opcode import Opcode
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import records_of, write_mcap

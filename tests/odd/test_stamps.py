@@ -1,7 +1,5 @@
 """Stamps that cannot be right, and messages in any order: what each verb says and measures."""
 
-from __future__ import annotations
-
 import json
 import random
 import struct

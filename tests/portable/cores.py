@@ -3,8 +3,6 @@
 python -m tests.portable.cores [STEPS]     needs NumPy alone
 """
 
-from __future__ import annotations
-
 import json
 import struct
 import sys

@@ -3,8 +3,6 @@
 NUMBA_CPU_NAME and NUMBA_CPU_FEATURES choose the instructions, and with them how many lanes go at a time.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The same bits without FMA, in V8 and in C; `scripts/check_portable.sh` has more environments."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

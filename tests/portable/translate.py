@@ -4,8 +4,6 @@ Knows what these functions are made of: assignments, ``if``, ``return``, a loop 
 and comparisons. Anything else is an error.
 """
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

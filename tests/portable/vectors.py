@@ -4,8 +4,6 @@ A line of the file: a function's name, its argument, its result or results, as t
 an IEEE 754 double.
 """
 
-from __future__ import annotations
-
 import math
 import random
 import struct

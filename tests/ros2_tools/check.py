@@ -6,8 +6,6 @@ It needs the real `ros2` command, from apt or from an environment that has ros2c
 Nodes run in their own ROS domain, on this machine alone.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

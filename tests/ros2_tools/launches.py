@@ -1,7 +1,5 @@
 """Launch files: ends, refusals, the folder as a bag, and a swap by hand in a launched run."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

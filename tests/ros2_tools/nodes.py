@@ -1,7 +1,5 @@
 """Nodes alone: packages, topics, parameters, services, lifecycle, and what is as in ros2_control."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

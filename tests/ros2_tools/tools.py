@@ -1,7 +1,5 @@
 """Run ROS 2's own command and check what it says: one line for each check."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -6,8 +6,6 @@ The scenarios of tests/same_bits, the figures with their controllers, COUNT rand
 parameter and as many with random links; the first N of each kind by the real nodes, too.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Recording a run as the nodes would: message by message, from states one by one."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace

@@ -3,8 +3,6 @@
 A path yields recordings, or columns of a `RunTable`; `differences` compares them all in one way.
 """
 
-from __future__ import annotations
-
 import random
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress

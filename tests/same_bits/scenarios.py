@@ -1,7 +1,5 @@
 """Runs that differ in what a path has to repeat, as words of the command line and as plans."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

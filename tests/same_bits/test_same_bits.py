@@ -1,7 +1,5 @@
 """One plan by every path, from compiled code to a kernel: the bits of CPython."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from functools import partial

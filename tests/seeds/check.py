@@ -6,8 +6,6 @@ COUNT seeds from N on, from each N where several are given; --trace prints what 
 judges the recordings with compiled code, as long ones are.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """What holds after every run, whatever was done to it; each broken invariant is a line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Protocol

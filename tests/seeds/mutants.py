@@ -3,8 +3,6 @@
 source scripts/env.sh && python -m tests.seeds.mutants [COUNT] [--only NAME]
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """What happens in a seed: a run, and faults drawn for it, each of which can be left out."""
 
-from __future__ import annotations
-
 import random
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Seeds of the virtual world keep the invariants, each plays the same twice, and mutants are found."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

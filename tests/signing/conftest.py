@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 from ros2_ws.src.trunk_experiments.test.keys import ALICE, MALLORY, write_key
 

@@ -1,7 +1,5 @@
 """A signature detects every change of a recording's content, and ignores how it is stored."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

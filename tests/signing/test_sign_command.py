@@ -1,7 +1,5 @@
 """`trunk sign` and `trunk verify --key`: who signed a recording, and what is not known or not allowed."""
 
-from __future__ import annotations
-
 import io
 import json
 import sys

@@ -1,7 +1,5 @@
 """What is verified is what other libraries read; a file in which they read something else is not signed."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 

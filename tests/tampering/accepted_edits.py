@@ -4,8 +4,6 @@ A pattern matches an edit's whole name: the base, the kind, what is edited. What
 none of it changes a state, a command, a term, a disturbance that acted, a fall or a metric.
 """
 
-from __future__ import annotations
-
 import re
 
 _ANY = "(offline|lockstep|real_time)"

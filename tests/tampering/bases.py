@@ -4,8 +4,6 @@ Each has a swap from fuzzy PID to PID, sensor noise and delay, a pulse, changes 
 fall; those of the graph have a pause too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

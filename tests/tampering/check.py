@@ -4,8 +4,6 @@ Exit code 1 if an edit passes that is not listed, a listed one is refused, `veri
 run is accused.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import re

@@ -1,7 +1,5 @@
 """All edits of a recording: of messages' fields, of their number and order, and of the file around them."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy

@@ -4,8 +4,6 @@ The nodes, their topics and their services' callbacks are those of `trunk run --
 come from this process, so that a run needs no second process to talk to it.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

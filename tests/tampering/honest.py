@@ -1,7 +1,5 @@
 """Random honest runs, which `trunk verify` must not accuse: offline, in lock-step and in real time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A recording to be edited, judged by compiled code and by CPython."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """The messages of an edited copy, by topic."""
 
-from __future__ import annotations
-
 COMMAND, STATE, TRUTH = "/effort_command", "/joint_states", "/ground_truth/joint_states"
 DISTURBANCE = "/disturbance"
 

@@ -1,7 +1,5 @@
 """A run whose commands somebody else gave: the states follow from them, the commands are not judged."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

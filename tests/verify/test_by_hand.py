@@ -1,7 +1,5 @@
 """An operator's pushes on record: by a stranger, too strong, between two states, or altered."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import nan
 

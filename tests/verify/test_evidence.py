@@ -1,7 +1,5 @@
 """What acted in a real-time run is on record: no edit of it verifies, and no honest run is accused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a recorder missed, and what a stranger sent: judged neither right nor wrong."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Messages that cannot be read, which anybody may send: the run is not judged, and nobody is accused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

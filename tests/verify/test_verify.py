@@ -1,7 +1,5 @@
 """`trunk verify` catches what is changed in a copy of a recording; `trunk diff` says where."""
 
-from __future__ import annotations
-
 import struct
 import tracemalloc
 from dataclasses import replace

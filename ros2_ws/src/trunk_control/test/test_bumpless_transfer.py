@@ -1,7 +1,5 @@
 """Controllers that take over from one another: turns by the states' stamps, no bump in the torque."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from math import inf

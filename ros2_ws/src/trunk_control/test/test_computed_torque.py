@@ -1,7 +1,5 @@
 """Computed torque: the model's limiting cases, the error equation it imposes, the inputs it needs."""
 
-from __future__ import annotations
-
 from math import inf, nan, pi, sin
 
 import pytest

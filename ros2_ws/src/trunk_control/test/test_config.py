@@ -1,7 +1,5 @@
 """The controllers' parameters: defaults and refusals."""
 
-from __future__ import annotations
-
 from math import inf, pi
 
 import pytest

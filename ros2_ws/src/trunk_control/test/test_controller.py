@@ -1,7 +1,5 @@
 """Controllers driven by stamps: due instants, time steps, reset, retuning."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import nan
 

@@ -1,7 +1,5 @@
 """Which states are answered with an update: those nearest to the due instants, whatever the clocks do."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """For any input in any order, a command is finite and within its limits."""
 
-from __future__ import annotations
-
 from math import inf, isfinite
 from sys import float_info
 

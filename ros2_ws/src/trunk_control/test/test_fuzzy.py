@@ -1,7 +1,5 @@
 """Four rules equal all forty-nine; the partition, its ends, logarithmic consequents."""
 
-from __future__ import annotations
-
 from itertools import accumulate, pairwise
 from math import exp, inf, nextafter, pi
 from random import Random

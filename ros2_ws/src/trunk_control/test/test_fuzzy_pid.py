@@ -1,7 +1,5 @@
 """Gains from the rule base: their box, Ki from alpha, and the law that uses them."""
 
-from __future__ import annotations
-
 from math import inf, nan
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The law whose table is the torque: its plane about the upright, its integral, takeovers, refusals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf, nan
 

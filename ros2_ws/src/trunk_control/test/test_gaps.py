@@ -1,7 +1,5 @@
 """A gap in the states' stamps: nothing is integrated over it, at its edge and in compiled code."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf
 

@@ -1,7 +1,5 @@
 """A law that setup.py lists has its executable, which starts the node of its name."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """LQR: the default gains solve the Riccati equation; the feed-forward holds a leaning trunk."""
 
-from __future__ import annotations
-
 from math import inf, nan, pi, radians, sin
 
 import numpy as np

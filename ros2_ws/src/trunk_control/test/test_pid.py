@@ -1,7 +1,5 @@
 """One PID update at a time, against hand calculations."""
 
-from __future__ import annotations
-
 from math import inf, nan
 
 import pytest

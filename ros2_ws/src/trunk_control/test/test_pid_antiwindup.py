@@ -1,7 +1,5 @@
 """What the integral does while the command is limited."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 import pytest

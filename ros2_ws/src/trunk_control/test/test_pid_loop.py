@@ -3,8 +3,6 @@
 The plant is theta'' = u / J, exactly discretised for a held input, J = m l^2 = 0.5 kg m^2.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

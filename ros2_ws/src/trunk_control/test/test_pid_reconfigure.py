@@ -1,7 +1,5 @@
 """Bumpless retuning: new gains do not move the command."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Reference profiles at and around their switching times, and between their points."""
 
-from __future__ import annotations
-
 from math import pi, sin
 
 import pytest

@@ -1,7 +1,5 @@
 """The printed tables, their symmetries, and errors that name the cell."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

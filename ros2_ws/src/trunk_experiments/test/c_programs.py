@@ -1,7 +1,5 @@
 """Translated functions in a compiled program that reads arguments and writes results."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

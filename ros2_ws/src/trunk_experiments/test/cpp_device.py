@@ -1,7 +1,5 @@
 """A processor in a GPU's place: a kernel's text compiled as C++, its threads one after another."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What tests know of the documents that verbs write: which, their schemas, and whether a text is one."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

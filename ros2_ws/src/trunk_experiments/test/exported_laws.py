@@ -1,7 +1,5 @@
 """Parameters and readings off the beaten track, for exported controllers."""
 
-from __future__ import annotations
-
 import math
 import random
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Laws with one fault each, and the check that has to find it."""
 
-from __future__ import annotations
-
 import linecache
 import math
 import os

@@ -1,7 +1,5 @@
 """A gateway that serves in the test's process, with a feed that the test fills."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import Awaitable, Callable

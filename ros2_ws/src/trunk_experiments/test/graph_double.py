@@ -1,7 +1,5 @@
 """A running graph for the page, without any node: what a page asks for is done at once."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Two key pairs, written as ssh-keygen writes them, and what `trunk verify --key` says where it refuses."""
 
-from __future__ import annotations
-
 from cryptography.hazmat.primitives import serialization as s
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 

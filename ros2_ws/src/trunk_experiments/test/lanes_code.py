@@ -1,7 +1,5 @@
 """Print what LLVM makes of a law's loop over lanes: lanes_code.py LAW. Compiled anew, and not kept."""
 
-from __future__ import annotations
-
 import sys
 
 import numba

@@ -1,7 +1,5 @@
 """Pages in Chromium: opened, looked at and driven by the same code, whether live, a report or a lab."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -4,8 +4,6 @@ A value is drawn from its declaration; one that decides how long a run lasts (a 
 during the run) is drawn near its usual value. A new parameter needs no change here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf

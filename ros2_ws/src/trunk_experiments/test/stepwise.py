@@ -1,7 +1,5 @@
 """A run's states one by one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The library returns what the command does, refuses in one line, and its results cannot be changed."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import json

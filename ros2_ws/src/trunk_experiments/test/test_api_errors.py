@@ -1,7 +1,5 @@
 """The library refuses every wrong argument with one line, in an error of its own family."""
 
-from __future__ import annotations
-
 import errno
 import os
 from types import SimpleNamespace

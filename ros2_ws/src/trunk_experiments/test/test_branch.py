@@ -1,7 +1,5 @@
 """A branch is its parent up to its time, and from then on what a run with the change would have been."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

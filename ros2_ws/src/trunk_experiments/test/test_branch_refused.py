@@ -1,7 +1,5 @@
 """What cannot be branched is refused in one line and leaves no file; where pushes can be added."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Any broken file gives a valid prefix and a warning, or one clear line and exit code 2."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """A record's columns: what is written into a lane's cells is read from them as it was."""
 
-from __future__ import annotations
-
 from collections import namedtuple
 from math import nan
 

@@ -1,7 +1,5 @@
 """`trunk compare`: the best of each row, what differs, where runs diverge."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

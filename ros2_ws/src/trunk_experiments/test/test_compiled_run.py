@@ -1,7 +1,5 @@
 """The compiled loop gives the bits of the offline run; its metrics are those of a recording."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -1,7 +1,5 @@
 """The shell completes verbs, scenarios, controllers, parameter files and studies, and files elsewhere."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 

@@ -1,7 +1,5 @@
 """The conformance kit finds each planted fault by its own check, and nothing in an honest law."""
 
-from __future__ import annotations
-
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from itertools import product

@@ -1,7 +1,5 @@
 """Kernels through CuPy: what stands for it here computes on the processor, and counts its memory."""
 
-from __future__ import annotations
-
 import re
 import sys
 from dataclasses import replace

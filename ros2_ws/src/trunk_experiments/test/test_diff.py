@@ -1,7 +1,5 @@
 """`diff`: stamps that appear more than once, and whether differences are in ULPs or in units."""
 
-from __future__ import annotations
-
 import pytest
 
 from trunk_experiments.plans.plan import make_plan

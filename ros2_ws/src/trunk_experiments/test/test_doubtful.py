@@ -1,7 +1,5 @@
 """What a user most likely did not mean is refused, or gets a warning that names it."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Falls, incomplete files and late steps come first, in words and in JSON; such a run is never the best."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a signal does to a verb, by what it interrupts; how `params` and `run` exit."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`trunk explain`: one update, term by term, equal to what was recorded."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from math import pi

@@ -1,7 +1,5 @@
 """The exported CMakeLists.txt, built: alone, with its test, and two controllers in another project."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 

@@ -1,7 +1,5 @@
 """Faults planted in the translator: the tests of its bits find each."""
 
-from __future__ import annotations
-
 import ast
 
 import pytest

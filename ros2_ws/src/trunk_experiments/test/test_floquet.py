@@ -1,7 +1,5 @@
 """Floquet multipliers against the loop itself, and against matrices worked out by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Who gets into the gateway: paths, hosts, tokens, origins, and how many pages at once."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

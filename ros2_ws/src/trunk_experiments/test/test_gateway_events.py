@@ -1,7 +1,5 @@
 """What the events of a run say of changed parameters, in the page of a running graph."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """What the gateway is made of: rows, words, tokens, what is known of a graph."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

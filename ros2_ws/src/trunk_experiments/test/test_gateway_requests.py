@@ -1,7 +1,5 @@
 """What pages may ask of the gateway, against nonsense, floods and pages that do not read."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import socket

@@ -1,7 +1,5 @@
 """What Gymnasium asks of an environment and of a vector environment, and which options are refused."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 import warnings

@@ -1,7 +1,5 @@
 """An environment's episodes equal offline runs, recordings and one another, bit for bit."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A table filled in passing equals one that is read whole; its values may be read in windows."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

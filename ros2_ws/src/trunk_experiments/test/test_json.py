@@ -1,7 +1,5 @@
 """``--json`` in general: the schemas, mistakes, what is said of a run; test_json_documents.py: each verb."""
 
-from __future__ import annotations
-
 import io
 import json
 import subprocess

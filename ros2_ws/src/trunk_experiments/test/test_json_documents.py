@@ -1,7 +1,5 @@
 """Every verb's ``--json``: one document on stdout that fits its schema, whatever the verb finds."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from math import inf
 

@@ -3,8 +3,6 @@
 ``free``: the changes that the schema allows, as in a value of any type.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from copy import deepcopy

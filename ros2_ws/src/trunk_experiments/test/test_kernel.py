@@ -1,7 +1,5 @@
 """A kernel's runs have the bits of the CPU's, whatever the plan; a text is for all plans of a composition."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter, defaultdict
 from dataclasses import replace

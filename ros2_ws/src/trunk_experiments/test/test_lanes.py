@@ -1,7 +1,5 @@
 """Runs in lanes have the bits of separate runs; the loops over lanes are vector code."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

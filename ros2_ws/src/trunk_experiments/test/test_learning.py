@@ -1,7 +1,5 @@
 """Searches on a study's draws: what a fall costs, reproducible, and judged on other draws."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

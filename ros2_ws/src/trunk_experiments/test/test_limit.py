@@ -1,7 +1,5 @@
 """``trunk limit``: both sides of a limit are real runs; survival curves count the runs of a study."""
 
-from __future__ import annotations
-
 import json
 from itertools import count
 from math import nextafter, radians

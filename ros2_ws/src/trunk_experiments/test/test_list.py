@@ -1,7 +1,5 @@
 """``trunk list``: recordings, newest first, with their doubts; what is shipped, with its path."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from functools import partial

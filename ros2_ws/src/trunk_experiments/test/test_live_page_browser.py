@@ -1,7 +1,5 @@
 """The live page as a dashboard: what is on the screen, what keeps its place, what can be taken back."""
 
-from __future__ import annotations
-
 import pytest
 
 from trunk_control.fuzzy_pid import FuzzyPidConfig

@@ -1,7 +1,5 @@
 """Sampled loops about the upright: against transfer functions, the maps' multipliers, and runs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Impossible numbers on the command line: refused when parsed, never a traceback."""
 
-from __future__ import annotations
-
 import click
 import pytest
 from click.testing import CliRunner

@@ -1,7 +1,5 @@
 """One rule for what verbs write: never over an input, never over what exists without --force."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The overview of the verbs, their help, and the names that some of them had."""
 
-from __future__ import annotations
-
 import pytest
 
 from trunk_experiments.cli import OVERVIEW

@@ -1,7 +1,5 @@
 """Controllers of other packages: found by their entry points; a bad one is one line, and the others work."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

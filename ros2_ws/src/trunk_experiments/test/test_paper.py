@@ -1,7 +1,5 @@
 """The paper's verdicts agree with their numbers, every erratum is shown, the report is complete."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import fields

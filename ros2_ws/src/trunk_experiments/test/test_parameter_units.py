@@ -1,7 +1,5 @@
 """Units of every declared parameter, in plans, on the command line and in a running node's file."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

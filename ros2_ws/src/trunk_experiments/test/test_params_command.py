@@ -1,7 +1,5 @@
 """``trunk params``: the listing, and what a file sets."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Recordings that lack what a verb needs: one line that names the file, never a traceback."""
 
-from __future__ import annotations
-
 from operator import methodcaller
 from pathlib import Path
 

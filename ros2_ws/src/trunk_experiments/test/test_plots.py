@@ -1,7 +1,5 @@
 """Pictures: every format, what each axes shows, and that it is the recorded data."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How far the work is: a bar on a terminal, else a line for each tenth of long work."""
 
-from __future__ import annotations
-
 import io
 
 import pytest

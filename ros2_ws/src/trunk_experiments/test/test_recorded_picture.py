@@ -1,7 +1,5 @@
 """Recordings with a picture: it is there when asked for, and decides nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from click.testing import CliRunner

@@ -1,7 +1,5 @@
 """A recorded run reads each part of its file once, whoever asks for it."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

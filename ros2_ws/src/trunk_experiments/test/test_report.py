@@ -1,7 +1,5 @@
 """The report without a browser: data to the last bit, text escaped, nothing from elsewhere."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import hashlib

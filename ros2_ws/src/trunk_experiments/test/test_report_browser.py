@@ -1,7 +1,5 @@
 """The report as a reader sees it: opened from disk in a headless Chromium without network access."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Comparing in a report, and printing it: thin curves, hidden runs, a base run, zoom, names, paper."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """`trunk report --serve`: a page for browsers elsewhere, and nothing else."""
 
-from __future__ import annotations
-
 import http.client
 import re
 import signal

@@ -1,7 +1,5 @@
 """One cell of a rule table, by its name, wherever a parameter can be given; what changed, cell by cell."""
 
-from __future__ import annotations
-
 import math
 import re
 

@@ -1,7 +1,5 @@
 """Rule files of others: read as their formats say, taken over as tables, written for other programs."""
 
-from __future__ import annotations
-
 import random
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Rule files that are cut, wrong, hostile or not rule files: one line each, and nothing is written."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

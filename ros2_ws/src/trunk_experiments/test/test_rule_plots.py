@@ -1,7 +1,5 @@
 """`trunk plot --memberships` and `--surface`: triangles, labels, surfaces and the run's way over them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

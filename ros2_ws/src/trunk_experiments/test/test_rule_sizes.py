@@ -1,7 +1,5 @@
 """Rule bases of any size: CPython, the compiled loop and lanes have the same bits; recordings verify."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

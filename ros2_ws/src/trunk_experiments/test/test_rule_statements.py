@@ -1,7 +1,5 @@
 """Each statement of each grammar changes the table, or is refused by its name; shapes, names, lines."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

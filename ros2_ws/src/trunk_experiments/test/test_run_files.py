@@ -1,7 +1,5 @@
 """Where a run leaves its files: a folder that is made, or refused with what to give instead."""
 
-from __future__ import annotations
-
 import os
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Keys of OpenSSH and signatures over digests: RFC 8032, the statement, the files against every change."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """What a verb imports before it answers: nothing that it does not use."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """The order in which a run's processes are stopped, and how long that takes, by a clock of the test."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 from functools import partial

@@ -3,8 +3,6 @@
 ``trunk sweep --check`` refuses what ``trunk sweep`` refuses, with the same message, before any run.
 """
 
-from __future__ import annotations
-
 import json
 import math
 

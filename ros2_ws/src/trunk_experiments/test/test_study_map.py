@@ -1,7 +1,5 @@
 """Maps render, with and without Floquet's line; controllers are compared over the same draws."""
 
-from __future__ import annotations
-
 import io
 import json
 

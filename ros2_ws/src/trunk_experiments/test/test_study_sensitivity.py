@@ -1,7 +1,5 @@
 """Sobol indices: known ones are found; falls are counted; a study without any is refused in one line."""
 
-from __future__ import annotations
-
 import pyarrow as pa
 import pytest
 

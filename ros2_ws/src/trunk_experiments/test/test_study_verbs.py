@@ -3,8 +3,6 @@
 `trunk diff` of two sweeps: what differs is counted and named; what cannot be compared is refused.
 """
 
-from __future__ import annotations
-
 import html
 import json
 import math

@@ -3,8 +3,6 @@
 It accepts blocks of the same runs by the same code, and nothing else.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Blocks on a Dask cluster of two worker processes, one of them killed: the same bytes."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """CSV files in place of numbers: in parameter files, settings, studies, the library and running nodes."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

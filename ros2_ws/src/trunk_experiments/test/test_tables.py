@@ -1,7 +1,5 @@
 """Tables: no word is broken, whatever the terminal; one line for each row where there is none."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

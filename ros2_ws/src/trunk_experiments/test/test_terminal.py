@@ -1,7 +1,5 @@
 """No verb lets the text of a file act on the terminal; an ASCII terminal makes no verb fail."""
 
-from __future__ import annotations
-
 import fcntl
 import io
 import json

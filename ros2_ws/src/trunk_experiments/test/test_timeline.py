@@ -1,7 +1,5 @@
 """Changes during a run take effect in order, from the first state after their stamp."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from trunk_control.controller import Controller

@@ -1,7 +1,5 @@
 """The `trunk` command as a user sees it: its output and its exit codes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import sys

@@ -1,7 +1,5 @@
 """Tuning: poles where requested, margins that a simulation confirms, files that nodes load."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from click.testing import CliRunner

@@ -1,7 +1,5 @@
 """Numbers of many runs at once: the bits of one run's, each way that runs part, and what is refused."""
 
-from __future__ import annotations
-
 import math
 import operator
 

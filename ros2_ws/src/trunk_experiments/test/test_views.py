@@ -1,7 +1,5 @@
 """The RViz view and the layouts are well-formed, installed, and name only existing topics."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Worker processes: a bounded number of tasks in flight, and workers that die."""
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool

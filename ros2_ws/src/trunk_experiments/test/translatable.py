@@ -1,8 +1,6 @@
 """Functions of the subset that is translated to C; `CALLS` has examples of their arguments."""
 # ruff: noqa
 
-from __future__ import annotations
-
 import math
 from math import inf, nan, sqrt
 from typing import NamedTuple

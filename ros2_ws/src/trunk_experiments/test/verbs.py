@@ -1,7 +1,5 @@
 """Every verb with sound arguments, in a folder with a file of each kind."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from collections.abc import Mapping

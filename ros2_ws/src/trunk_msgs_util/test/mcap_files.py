@@ -1,7 +1,5 @@
 """MCAP files written record by record, by the library's writer, or as a copy of a recording with a change."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections import Counter

@@ -1,7 +1,5 @@
 """What acted on the plant and is not on record, in whatever order rows and messages arrive."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

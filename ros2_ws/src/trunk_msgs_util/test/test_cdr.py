@@ -1,7 +1,5 @@
 """The bytes of rosbags, written without it; and whatever is read without it, rosbags reads the same."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

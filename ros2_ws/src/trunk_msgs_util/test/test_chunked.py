@@ -1,7 +1,5 @@
 """Chunks by `ChunkedWriter` and by the library's writer: the same file, byte for byte."""
 
-from __future__ import annotations
-
 import io
 from collections import defaultdict
 

@@ -1,7 +1,5 @@
 """A name that one process holds: until it ends, however it ends."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Columns are filled completely, or not returned at all."""
 
-from __future__ import annotations
-
 import pytest
 from mcap.opcode import Opcode
 

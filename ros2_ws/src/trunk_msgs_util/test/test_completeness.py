@@ -1,7 +1,5 @@
 """Whether a recording in lock-step is complete: its messages against the counts that its nodes report."""
 
-from __future__ import annotations
-
 import pytest
 
 from trunk_msgs_util import topics

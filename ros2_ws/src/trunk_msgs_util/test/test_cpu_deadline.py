@@ -1,7 +1,5 @@
 """A limit counts the time in which a process could have answered; clocks and readings are the test's own."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

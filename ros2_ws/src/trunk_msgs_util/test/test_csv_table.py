@@ -1,7 +1,5 @@
 """Numbers over time from CSV: read to the bit in SI units, every mistake one line with its place."""
 
-from __future__ import annotations
-
 import math
 import os
 

@@ -1,7 +1,5 @@
 """The project's own elementary functions: within 1 or 2 ULP, with the same bits everywhere."""
 
-from __future__ import annotations
-
 import math
 import random
 from itertools import product

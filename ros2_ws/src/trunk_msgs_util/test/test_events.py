@@ -1,7 +1,5 @@
 """The events of `run/events`: strings in messages and files, and the only ones that nodes publish."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

@@ -1,7 +1,5 @@
 """A table over time: NumPy as the oracle of its lines, hand values at its rows, ends and jumps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """A message's frame, in real time its source, goes with it through everything that reads a topic."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Messages packed in bulk are those packed one by one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

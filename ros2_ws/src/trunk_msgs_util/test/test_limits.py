@@ -1,7 +1,5 @@
 """Each limit of `recording/limits.py` is met by a file just beyond it, and not by one just within."""
 
-from __future__ import annotations
-
 import pytest
 from mcap.records import Metadata
 

@@ -1,7 +1,5 @@
 """Log times that cannot be, and messages in any order: each costs no more than itself."""
 
-from __future__ import annotations
-
 import random
 from itertools import permutations
 

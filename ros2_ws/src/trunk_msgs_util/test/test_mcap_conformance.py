@@ -4,8 +4,6 @@ Six contents times ten features (chunks, indexes, statistics, repeated descripti
 records): 416 files, as foxglove/mcap's tests/conformance generates them.
 """
 
-from __future__ import annotations
-
 import hashlib
 import zlib
 from itertools import chain, combinations

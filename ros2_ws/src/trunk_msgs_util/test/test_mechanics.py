@@ -1,7 +1,5 @@
 """The equations of motion where hand calculations are easy, and where floats end."""
 
-from __future__ import annotations
-
 import random
 from math import cos, inf, isnan, sin
 

@@ -1,7 +1,5 @@
 """Environment settings that ROS 2 cannot use are named, with what is allowed."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

@@ -1,7 +1,5 @@
 """The normal distribution against mpmath: tails, the seams between methods, and round trips."""
 
-from __future__ import annotations
-
 from math import inf, isinf
 
 import mpmath

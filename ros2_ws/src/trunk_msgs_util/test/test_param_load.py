@@ -1,7 +1,5 @@
 """What `ros2 param load` sends for a value is read as that value again."""
 
-from __future__ import annotations
-
 from math import inf
 
 import pytest

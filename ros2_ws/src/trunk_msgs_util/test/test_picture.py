@@ -1,7 +1,5 @@
 """A run's picture as messages: what a 3-D view gets, by readers other than ours."""
 
-from __future__ import annotations
-
 import math
 from xml.etree import ElementTree
 

@@ -1,7 +1,5 @@
 """A process is known by more than its number, which another one may have later or on another machine."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

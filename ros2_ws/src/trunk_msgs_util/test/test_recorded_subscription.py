@@ -1,7 +1,5 @@
 """Each message is taken once, in whatever order its copies come, and from whomever."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

@@ -1,7 +1,5 @@
 """Which publishers are known to send events: by their node's name, or by their process before it has one."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

@@ -1,7 +1,5 @@
 """The text that names a message's node and process, and what a stranger's frame is not taken for."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

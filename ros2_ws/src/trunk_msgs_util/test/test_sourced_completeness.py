@@ -1,7 +1,5 @@
 """Whether a recording in real time is complete: by the messages of each source, and by what acted."""
 
-from __future__ import annotations
-
 import pytest
 
 from trunk_msgs_util import topics

@@ -1,7 +1,5 @@
 """The recorder's file reaches the disk beside the loop; a disk that refuses ends the recording by name."""
 
-from __future__ import annotations
-
 import errno
 import os
 import threading

@@ -1,7 +1,5 @@
 """What is printed may contain anything, but controls no terminal."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """Times are exact as integers and correctly rounded as floats."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 from hypothesis import example, given

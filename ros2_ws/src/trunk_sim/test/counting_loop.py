@@ -1,7 +1,5 @@
 """The loop that pacing drives, without a plant."""
 
-from __future__ import annotations
-
 H = 1_000_000  # ns, its period
 
 

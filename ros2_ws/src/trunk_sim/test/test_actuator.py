@@ -1,7 +1,5 @@
 """What a drive and a joint's friction do, against oracles that share no code with them."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from math import exp, inf, nextafter
 

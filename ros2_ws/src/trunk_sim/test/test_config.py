@@ -1,7 +1,5 @@
 """The simulator's and the disturbance's parameters: defaults and refusals."""
 
-from __future__ import annotations
-
 from math import inf, pi
 
 import pytest

@@ -1,7 +1,5 @@
 """Pulses sample by sample and at random times, the sine, a table, noise that follows band and seed."""
 
-from __future__ import annotations
-
 from math import pi, sin
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What acts on the plant: answers are checked, disturbances queued, rows of plant/inputs made."""
 
-from __future__ import annotations
-
 import re
 from math import inf, nan
 

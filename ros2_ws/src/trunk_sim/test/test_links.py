@@ -1,7 +1,5 @@
 """Links pass on what a plain account of messages and arrivals says; their statistics are those declared."""
 
-from __future__ import annotations
-
 from math import exp, sqrt
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sensor noise: the normal distribution out to its tails, by the seed and the step alone."""
 
-from __future__ import annotations
-
 import random
 
 import mpmath

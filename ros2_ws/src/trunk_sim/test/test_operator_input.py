@@ -1,7 +1,5 @@
 """Requests of an operator: whose are accepted, how large they may be, and for how long they act."""
 
-from __future__ import annotations
-
 from math import inf, nan
 
 import pytest

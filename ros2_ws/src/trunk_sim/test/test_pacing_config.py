@@ -1,7 +1,5 @@
 """The pacing that a configuration asks for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Steps that follow the answers: who is awaited, which answers count, how silence ends a run."""
 
-from __future__ import annotations
-
 import pytest
 
 from trunk_sim.pacing import LockstepPacing

@@ -1,7 +1,5 @@
 """Steps that follow the wall clock: which command acts, what is late, what is counted."""
 
-from __future__ import annotations
-
 import pytest
 
 from trunk_msgs_util.source import ARRIVAL

@@ -1,7 +1,5 @@
 """Who is awaited, who is ready, and which controllers may act at the same time."""
 
-from __future__ import annotations
-
 from itertools import permutations
 
 import pytest

@@ -1,7 +1,5 @@
 """The equations of motion against a symbolic derivation from the Lagrangian (paper, eq. 7)."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from math import log2, pi
 

@@ -1,7 +1,5 @@
 """The misprinted equations: how they differ from the derived ones, and that they stay fenced in."""
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np

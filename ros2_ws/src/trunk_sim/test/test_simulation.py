@@ -1,7 +1,5 @@
 """The simulation's clock, limits, sensors and failures."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf, nan
 

@@ -1,7 +1,5 @@
 """One step of the plant: where the trunk falls, and where the numbers end."""
 
-from __future__ import annotations
-
 from math import inf, isfinite, nextafter
 
 import pytest
