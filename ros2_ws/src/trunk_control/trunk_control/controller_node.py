@@ -30,6 +30,13 @@ from .law import Law
 from .laws import law_named
 
 OWN_REFERENCE = topics.own_reference("~")
+# Under which names states are counted that the law cannot use.
+NO_JOINT, NO_VELOCITY, NOT_FINITE, OUT_OF_ORDER = UNUSED_STATES = (
+    "states without the joint",
+    "states without the velocity that the law needs",
+    "states not finite",
+    "states out of order",
+)
 
 
 class Inputs:
@@ -71,7 +78,7 @@ class Inputs:
         message = self._read_state(data)
         places = self._places(message.name)
         if places is None or places.last >= len(message.position):
-            self._refuse("states without the joint", self._lacks(message))
+            self._refuse(NO_JOINT, self._lacks(message))
             return None
         needed = self._config.uses_rate
         velocity = 0.0
@@ -81,7 +88,7 @@ class Inputs:
                 velocity = 0.0  # a broadcaster's NaN for what its hardware does not measure
         elif needed:
             self._refuse(
-                "states without the velocity that the law needs",
+                NO_VELOCITY,
                 f"{len(message.velocity)} values of velocity: one for each name is needed, in rad/s, or a "
                 "derivative_mode other than rate",
             )
@@ -90,7 +97,7 @@ class Inputs:
         hip = hip_seen(places.hip, message.position, message.velocity)
         if not (isfinite(position) and isfinite(velocity) and all(map(isfinite, hip))):
             values = ", ".join(f"{value:g}" for value in (position, velocity, *hip))
-            self._refuse("states not finite", f"position and velocity are {values}")
+            self._refuse(NOT_FINITE, f"position and velocity are {values}")
             return None
         effort = message.effort[places.joint] if places.joint < len(message.effort) else 0.0
         return Reading(
@@ -191,7 +198,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
     def _on_reading(self, reading: Reading) -> None:
         stamp_ns = reading.stamp_ns
         if stamp_ns < self.run_stamp_ns:
-            self.counters["states out of order"] += 1
+            self.counters[OUT_OF_ORDER] += 1
         if self.config.lockstep and not self._commensurate(stamp_ns - self.run_stamp_ns):
             return
         if self.run_stamp_ns < 0 < stamp_ns:
@@ -268,14 +275,14 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         response.message = "integral and past samples cleared"
         return response
 
-    def waits_for(self) -> str:
-        """Return the knowledge about the states in words if none has arrived for a second."""
+    def waits_for(self) -> discovery.Wait:
+        """Return the knowledge about the states if none has arrived for a second."""
         before_ns, self._looked_at_ns = self._looked_at_ns, self.run_stamp_ns
         if self.run_stamp_ns > before_ns:
-            return ""
+            return discovery.Wait()
         topic = self.resolve_topic_name(topics.JOINT_STATES)
         last_ns = self.run_stamp_ns if self.run_stamp_ns >= 0 else None
-        refused = {kind: n for kind, n in self.counters.items() if kind.startswith("states ")}
+        refused = {kind: n for kind in UNUSED_STATES if (n := self.counters[kind])}
         publishers = discovery.described_publishers(self, topic)
         return discovery.states(topic, publishers, last_ns, refused)
 

@@ -3,24 +3,24 @@ from unittest.mock import MagicMock
 import pytest
 
 from trunk_msgs_util.node import strangers
-from trunk_msgs_util.node.discovery import Waiting, states
+from trunk_msgs_util.node.discovery import Wait, Waiting, states
 
 
 def test_a_line_is_said_at_once_then_every_five_seconds_and_at_once_when_it_changes():
     waiting = Waiting()
-    told = [(now, waiting.line("a controller", float(now))) for now in range(12)]
+    told = [(now, waiting.line(Wait("a controller"), float(now))) for now in range(12)]
     assert [now for now, line in told if line] == [0, 5, 10]
     assert told[0][1] == "waiting for a controller"
-    assert waiting.line("the recorder", 12.0) == "waiting for the recorder"
-    assert waiting.line("the recorder", 13.0) == ""
+    assert waiting.line(Wait("the recorder"), 12.0) == "waiting for the recorder"
+    assert waiting.line(Wait("the recorder"), 13.0) == ""
 
 
 def test_nothing_is_said_if_nobody_is_missing_and_a_node_missing_again_is_named_at_once():
     waiting = Waiting()
-    assert waiting.line("", 0.0) == ""
-    assert waiting.line("a controller", 1.0)
-    assert waiting.line("", 2.0) == ""
-    assert waiting.line("a controller", 3.0)
+    assert waiting.line(Wait(), 0.0) == ""
+    assert waiting.line(Wait("a controller"), 1.0)
+    assert waiting.line(Wait(), 2.0) == ""
+    assert waiting.line(Wait("a controller"), 3.0)
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_nothing_is_said_if_nobody_is_missing_and_a_node_missing_again_is_named_
 def test_whoever_is_not_met_for_ten_seconds_is_named_with_what_to_do(settings, advice):
     waiting = Waiting()
     missing = "the recorder (ros2 run trunk_msgs_util recorder)"
-    lines = [waiting.line(missing, float(now), settings) for now in range(11)]
+    lines = [waiting.line(Wait(missing, unmet=True), float(now), settings) for now in range(11)]
     assert not any("not met" in line for line in lines[:10])
     assert lines[10].startswith(f"waiting for {missing}; if it runs, it was not met: ")
     assert advice in lines[10]
@@ -66,7 +66,7 @@ def test_whoever_is_not_met_for_ten_seconds_is_named_with_what_to_do(settings, a
     ],
 )
 def test_what_is_known_of_states_that_do_not_come(publishers, last_ns, refused, expected):
-    assert states("/s", publishers, last_ns, refused) == expected
+    assert str(states("/s", publishers, last_ns, refused)) == expected
 
 
 def test_a_domain_is_told_by_the_ports_of_its_participants(monkeypatch):

@@ -19,6 +19,12 @@ from .config import SimulatorConfig
 from .inputs import NO_COMMAND, Command
 from .step import too_old
 
+# Under which names answers are counted that may come from a second controller.
+LATE_ANSWER, DOUBLED_ANSWER, OUT_OF_ORDER = DOUBLED = (
+    "late answers ignored",
+    "doubled answers ignored",
+    "commands out of order",
+)
 # If it is further behind the wall clock than this, it does not catch up: time is re-anchored.
 MAX_CATCH_UP = 50
 _SETTLED_GAPS = 50
@@ -132,7 +138,7 @@ class RealTimePacing(Pacing):
             self._strangers_command(stamp_ns, effort)
             return
         if stamp_ns <= self._latest.stamp_ns or stamp_ns > self._loop.stamp_ns:
-            self._loop.count("commands out of order")
+            self._loop.count(OUT_OF_ORDER)
             return
         if stamp_ns < self._loop.stamp_ns:
             self._loop.count("commands late")  # the step from that state was made without it
@@ -153,7 +159,7 @@ class RealTimePacing(Pacing):
         )  # in this state perhaps: its answer counts for more
         if stamp_ns < self._latest.stamp_ns + (not arrived):
             repeated = stamp_ns == self._latest.stamp_ns
-            self._loop.count("repeated answers ignored" if repeated else "commands out of order")
+            self._loop.count("repeated answers ignored" if repeated else OUT_OF_ORDER)
             return
         gaps = self._strangers_gaps
         if self._latest.stamp_ns >= 0 and not arrived:
@@ -303,11 +309,11 @@ class LockstepPacing(Pacing):
             return
         self._unstamped = self._unstamped + 1 if stamp_ns == 0 < now else 0
         if stamp_ns < now:
-            self._loop.count("late answers ignored")
+            self._loop.count(LATE_ANSWER)
         elif stamp_ns > now:
             self._loop.count("answers to no state ignored")
         elif self._answered["effort_command"] == now:
-            self._loop.count("doubled answers ignored")
+            self._loop.count(DOUBLED_ANSWER)
         else:
             self._effort = effort
             self.answered("effort_command", stamp_ns, now_ns)

@@ -24,6 +24,7 @@ from trunk_msgs_util.node.conversions import (
     sample_to_wire,
     stamp_to_ros,
 )
+from trunk_msgs_util.node.discovery import Wait
 from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.run import main_for
 from trunk_msgs_util.node.strangers import near_misses
@@ -43,11 +44,10 @@ from .inputs import (
     inputs_row,
 )
 from .operator_input import NOTHING, Applied, Operator, request_of, with_operator
-from .pacing import make_pacing, tick_period
+from .pacing import DOUBLED, make_pacing, tick_period
 from .participants_node import GraphParticipants
 from .simulation import DivergedError, Simulation
 
-_DOUBLED = ("late answers ignored", "doubled answers ignored", "commands out of order")
 _STARTED_BY = {
     topics.EFFORT_COMMAND: "a controller (such as ros2 run trunk_control fuzzy_pid)",
     topics.DISTURBANCE: "the disturbance (ros2 run trunk_sim disturbance)",
@@ -219,11 +219,11 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         if self._only_one_controller():
             self._begin()
 
-    def waits_for(self) -> str:
+    def waits_for(self) -> Wait:
         """Return the participants that are missing, and how to start them."""
         missing = ", ".join(_STARTED_BY.get(name, name) for name in self._missing)
         if topics.EFFORT_COMMAND not in self._missing or self._running:
-            return missing
+            return Wait(missing, unmet=bool(missing))
         now = time.monotonic()
         if now - self._looked_s >= _LOOK_EVERY_S:
             self._looked_s = now
@@ -232,7 +232,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             )
             misses = near_misses(self, answers, states, topics.JOINT_STATE_TYPE, self._own_names())
             self._seen_instead = "; ".join(misses) or "nothing like it"
-        return f"{missing}; seen instead: {self._seen_instead}" if self._seen_instead else missing
+        return Wait(missing, self._seen_instead, unmet=True)
 
     def _own_names(self) -> list[str]:
         """Return the nodes that publish events of a run: none of them is a controller that goes astray."""
@@ -343,7 +343,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     def count(self, kind: str, number: int = 1) -> None:
         """Count something for diagnostics; doubled answers may mean a second controller."""
         self.counters[kind] += number
-        if kind in _DOUBLED and self._running and self.exit_code is None:
+        if kind in DOUBLED and self._running and self.exit_code is None:
             self._only_one_controller()
 
     def participant(self, topic: str) -> str:

@@ -143,6 +143,14 @@ def start_of_loop(plan: RunPlan) -> tuple[Surroundings, LoopState, Chain]:
     return for_compiler(surroundings), beginning(trunk, memories), chain
 
 
+class NotCompiledWarning(UserWarning):
+    """Laws that numba cannot compile, and the ``reason``: CPython runs them."""
+
+    def __init__(self, laws: tuple[str, ...], reason: str) -> None:
+        super().__init__(f"{', '.join(laws)}: not compilable, so CPython runs it: {reason}")
+        self.reason = reason
+
+
 @cache
 def compiled_loop(laws: tuple[str, ...]) -> Callable[..., tuple[int, bool, bool]]:
     """Return `loop_of` the named laws, compiled where numba can; if not, a warning says why."""
@@ -151,7 +159,7 @@ def compiled_loop(laws: tuple[str, ...]) -> Callable[..., tuple[int, bool, bool]
 
 
 def _not_compiled(laws: tuple[str, ...], reason: str) -> None:
-    warnings.warn(f"{', '.join(laws)}: not compilable, so CPython runs it: {reason}", stacklevel=4)
+    warnings.warn(NotCompiledWarning(laws, reason), stacklevel=4)
 
 
 class Outcome(NamedTuple):

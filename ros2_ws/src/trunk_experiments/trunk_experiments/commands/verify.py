@@ -16,7 +16,7 @@ from ..console.reading import reading
 from ..console.tables import print_table
 from ..errors import PlanError
 from ..recorded.run import RecordedRun
-from ..replay.doubts import refused, silence
+from ..replay.doubts import Doubts, refused, silence
 from ..replay.signing import judge_signature, public_key
 from ..replay.verdict import CheckedPart, Verdict, Verification, verification
 from ..replay.verify import verify
@@ -75,7 +75,7 @@ def command(
     if as_json:
         write_json(result)
         ctx.exit(verdict.exit_code)
-    for line in filter(None, (silence(recorded), *refused(recorded))):
+    for line in Doubts(silent=silence(recorded) or None, refused=tuple(refused(recorded))).lines:
         click.echo(line)
     click.echo(f"{run}: {result.verdict}")
     if result.signature and (result.signature.trusted_key or result.signature.refuted):

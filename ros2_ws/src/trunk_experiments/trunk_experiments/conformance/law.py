@@ -732,22 +732,19 @@ def recomputes(law: Law) -> Iterator[LawFinding]:
 def compiles(law: Law) -> Iterator[LawFinding]:
     """Yield a finding where compiled code differs from CPython; note what numba refuses."""
     from ..batch.check import first_difference
-    from ..batch.compiled_run import Batch
+    from ..batch.compiled_run import Batch, NotCompiledWarning
 
     plan, update = short_plan(law), name_of(law.update)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         difference = first_difference(plan, Batch())
-        refused = [
-            str(warning.message) for warning in caught if "not compilable" in str(warning.message)
-        ]
+        refused = [w.message for w in caught if isinstance(w.message, NotCompiledWarning)]
         if refused:
             factor = _seconds(plan) / max(_seconds(make_plan("demo", "pid", settings=_SHORT)), 1e-9)
-            reason = refused[0].split("runs it: ", 1)[-1]
             yield LawFinding(
                 "compiled",
                 update,
-                f"not compilable: {reason}",
+                f"not compilable: {refused[0].reason}",
                 f"sweeps will use CPython, {factor:.0f} times slower",
                 note=True,
             )

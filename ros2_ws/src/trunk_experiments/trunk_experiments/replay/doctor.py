@@ -19,7 +19,7 @@ from trunk_msgs_util.recording.joint_table import (
     JointTable,
 )
 from trunk_msgs_util.recording.mcap_file import ERROR, INFO, WARNING, Finding
-from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.reader import Ending, Recording, RecordingError
 from trunk_msgs_util.recording.summary import structure
 from trunk_msgs_util.units import period_ns as period_of
 from trunk_msgs_util.units import seconds
@@ -64,11 +64,11 @@ def findings(run: RecordedRun) -> list[Finding]:
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}: give a readable file") from None
     # The structure check has already reported what the scan says of damaged bytes, with their place.
-    known = {finding.message for finding in problems}
+    foreign = recording.ending is Ending.FOREIGN
     problems += [
-        Finding(WARNING if warning.startswith("recorded by") else ERROR, warning)
+        Finding(WARNING if foreign and warning == recording.unfinished else ERROR, warning)
         for warning in recording.warnings
-        if not any(warning.endswith(message) for message in known)
+        if warning not in recording.of_files
     ]
     problems += _provenance(run)
     content: list[Finding] = []

@@ -19,6 +19,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.events import ENDS, Event, as_count
+from trunk_msgs_util.recording.reader import Ending
 from trunk_msgs_util.recording.topic import fields_of
 from trunk_msgs_util.source import ARRIVAL, ARRIVALS, NO_SOURCE
 from trunk_msgs_util.units import NANOSECONDS, seconds
@@ -27,7 +28,6 @@ from ..results import OMITTED, Count, Result
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_table import Integers
-    from trunk_msgs_util.recording.reader import Recording
 
     from ..recorded.run import RecordedRun
 
@@ -96,7 +96,7 @@ class Doubts:
     @property
     def lines(self) -> list[str]:
         """A line for each doubt."""
-        lines = [self.silent] if self.silent else []
+        lines = [f"SILENT: {self.silent}"] if self.silent else []
         if self.reason is not None:
             until = f"; {self.until}" if self.until else ""
             lines.append(f"INCOMPLETE: {self.reason}{until}")
@@ -266,7 +266,7 @@ _SILENT_S = 1.0  # at a run's end: a busy machine holds a controller up for less
 
 
 def silence(run: RecordedRun) -> str:
-    """Return a line if nobody's command was in force in a real-time run, or none at its end; else nothing.
+    """Return a clause if nobody's command was in force in a real-time run, or none at its end; else nothing.
 
     The simulator counts the steps; where it did not, nothing is known. A controller that was deactivated is
     meant to be silent.
@@ -294,13 +294,8 @@ def silence(run: RecordedRun) -> str:
         return ""
     names = run.acting or run.recording.provenance.get("controller", "").split()
     who = ", ".join(names) or "nobody"
-    refused_ones = any(
-        event.message == Event.REFUSED and event.values.get("what", "").startswith("commands ")
-        for event in run.events
-    )
-    gave = "gave no command that the plant takes" if refused_ones else "gave no command"
     after = f" after t = {seconds(end.stamp_ns - silent_ns):g} s" if commanded else ""
-    return f"SILENT: {who} {gave}{after} ({commanded} of {steps} steps)"
+    return f"no command of {who} was in force{after} ({commanded} of {steps} steps)"
 
 
 def _beyond(run: RecordedRun) -> Beyond | None:
@@ -335,7 +330,9 @@ def _completeness(run: RecordedRun) -> tuple[bool, str | None, float | None, flo
     if end.get("complete") == "true":  # as far as the recorder knew
         reason = recording.damage[0]
     else:
-        reason = end.get("reason") or _unfinished(recording)
+        cut = recording.ending is Ending.CUT
+        unfinished = "the recorder did not finish this file" if cut else recording.unfinished
+        reason = end.get("reason") or unfinished
     truth = recording.topics.get(recording.topic(topics.GROUND_TRUTH))
     last_ns = None if truth is None else truth.last_stamp_ns
     last_s = None if last_ns is None else seconds(last_ns)
@@ -345,12 +342,6 @@ def _completeness(run: RecordedRun) -> tuple[bool, str | None, float | None, flo
     if last_s is not None and last_s > planned_s:  # another simulator's: our end is not known
         last_s = None
     return False, reason, last_s, planned_s
-
-
-def _unfinished(recording: Recording) -> str:
-    """Return why a file that gives no reason is not whole; another program may have recorded it."""
-    ours = recording.unfinished.endswith("the recorder did not shut down properly")
-    return "the recorder did not finish this file" if ours else recording.unfinished
 
 
 def late_steps(run: RecordedRun, since_ns: int = 0) -> Late | None:

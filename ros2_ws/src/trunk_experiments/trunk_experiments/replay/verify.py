@@ -58,8 +58,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
     recording = run.recording
     run.read_whole()
     verdict = Verdict()
-    silent = silence(run).removeprefix("SILENT: ")
-    said = [silent, recording.unfinished, *recording.further_warnings]
+    said = [silence(run), recording.unfinished, *recording.further_warnings]
     verdict.obstacles += dict.fromkeys(filter(None, said))
     verdict.obstacles += [*recording.seen_otherwise, *_ambiguous(recording)]
     verdict.altered = recording.alterations()
@@ -166,8 +165,8 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     complete = (run.recording.end or {}).get("complete") == "true"
     rerun = Rerun(run)
     rerun.compare()
-    idle = {label for label, answers in rerun.answers.items() if answers.idle}
-    verdict.checks += [c for c in rerun.checks if c.name.removeprefix("commands of ") not in idle]
+    idle = {label: answers.check for label, answers in rerun.answers.items() if answers.idle}
+    verdict.checks += [c for c in rerun.checks if all(c is not check for check in idle.values())]
     verdict.unjudged += [
         f"{label}: no command of this process is on record" for label in sorted(idle)
     ]

@@ -30,7 +30,6 @@ START_TIMEOUT_S = 30.0
 EXIT_FAILED = 1  # of a node that has said why
 SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
 COMPOSED = "composed"
-_SEEN = "seen instead"  # of a simulator that has looked for what goes astray
 _LAST = (COMPOSED, "recorder")  # to be stopped: it has to record the others' last messages
 _ENDS_FIRST_S = 1.5  # before all others are told, too: docs/faults.md promises 10 s for everything
 _WAITING = "{} not active: with autostart false, configure and activate it (ros2 lifecycle set …)"
@@ -142,7 +141,7 @@ def _watch(
                 f"another {doubled[0]} is running in this ROS domain: stop it, "
                 "or set ROS_DOMAIN_ID to another number"
             )
-        if plan.external is not None and _SEEN in monitor.waits_for:
+        if plan.external is not None and monitor.waits_for.seen_instead:
             starting.restart()  # everything of ours is there
         if not monitor.started and starting.spent(_awaited(running, monitor)):
             raise RunError(
@@ -159,7 +158,7 @@ def _watch(
 
 def _pass_on(monitor: Monitor, note: Callable[[str], None]) -> None:
     """Tell the user what is new, and once a controller is overdue, what the simulator sees instead."""
-    if _SEEN in monitor.waits_for:
+    if monitor.waits_for.seen_instead:
         line = f"still waiting for {monitor.waits_for}"
         if line != monitor.overdue:
             monitor.overdue = line

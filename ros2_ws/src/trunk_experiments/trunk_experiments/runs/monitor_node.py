@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import middleware, qos
+from trunk_msgs_util.node.discovery import Wait
 
 
 class Monitor:
@@ -27,7 +28,7 @@ class Monitor:
         self._processes: defaultdict[str, set[str]] = defaultdict(set)  # of each node's name
         # Of each event the node, the message and the values; who has read them clears them.
         self.events: list[tuple[str, str, Mapping[str, str]]] = []
-        self.waits_for = ""  # what the simulator says it waits for
+        self.waits_for = Wait()  # as the simulator says
         self.overdue = ""  # what the user was told of that
         self.failure: str | None = None
         self.time = 0.0
@@ -82,5 +83,6 @@ class Monitor:
                 values = {v.key: v.value for v in status.values}
                 self.told += 1
                 self.time = float(values.get("time", self.time))
-                self.waits_for = values.get("waiting for", "")
+                waits = (values.get(name, "") for name in ("waiting for", "seen instead"))
+                self.waits_for = Wait(*waits)
                 self.started = self.started or self.time > 0.0

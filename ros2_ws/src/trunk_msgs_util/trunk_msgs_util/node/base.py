@@ -25,7 +25,7 @@ from ..source import HeldError, claimed, is_older, local_pid, process_id, same_m
 from ..text import printable
 from . import middleware, qos, replayable
 from .conversions import status_to_ros
-from .discovery import Waiting
+from .discovery import Wait, Waiting
 from .managed import ENDING, ManagedNode
 from .ros_parameters import NodeParameters
 
@@ -72,7 +72,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self._duplicate_seen = False
         self._refused: set[str] = set()  # kinds of messages
         self._waiting = Waiting()
-        self._waits_for = ""
+        self._waits_for = Wait()
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._last_turns = 2
         self.linger_s = 0.0  # how long messages may collect before they are taken
@@ -238,12 +238,12 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self._last_turns -= 1
         return self._last_turns >= 0 and not self.exit_code
 
-    def waits_for(self) -> str:
-        """Return the line on what is waited for, and how to start it; asked once a second. Empty: nothing."""
-        return ""
+    def waits_for(self) -> Wait:
+        """Return what is waited for, and how to start it; asked once a second."""
+        return Wait()
 
     def _every_second(self) -> None:
-        self._waits_for = self.waits_for() if self.configured and self.exit_code is None else ""
+        self._waits_for = self.waits_for() if self.configured and self.exit_code is None else Wait()
         self._publish_diagnostics()
         line = self._waiting.line(self._waits_for, time.monotonic())
         if line:
@@ -251,8 +251,9 @@ class TrunkNode(ManagedNode, Generic[Config]):
 
     def _publish_diagnostics(self) -> None:
         state = "active" if self.active else "inactive" if self.configured else "unconfigured"
-        waits = {"waiting for": self._waits_for} if self._waits_for else {}
-        values = {"lifecycle": state, **waits, **self.diagnostics(), **self.counters}
+        waits = {"waiting for": self._waits_for.what, "seen instead": self._waits_for.seen_instead}
+        said = {name: text for name, text in waits.items() if text}
+        values = {"lifecycle": state, **said, **self.diagnostics(), **self.counters}
         level = DiagnosticStatus.WARN if self.counters else DiagnosticStatus.OK
         message = ", ".join(f"{name} {count}" for name, count in self.counters.items()) or "ok"
         self._diagnostics_topic.publish(

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
@@ -101,8 +102,17 @@ def matched(node: Node, hears: str, answers: str) -> bool:
 _AGAIN_S = 5.0
 # A node that runs is met well within this time on a good link.
 _UNMET_S = 10.0
-# In a line that says how to start what is missing.
-_START = "ros2 run "
+
+
+class Wait(NamedTuple):
+    """What a node waits for, in words; nothing if ``what`` is empty."""
+
+    what: str = ""
+    seen_instead: str = ""  # what may be meant for it, and does not fit
+    unmet: bool = False  # it is a node that was not met: it may well be running
+
+    def __str__(self) -> str:
+        return f"{self.what}; seen instead: {self.seen_instead}" if self.seen_instead else self.what
 
 
 class Waiting:
@@ -112,18 +122,19 @@ class Waiting:
         self._said = ""
         self._said_at = self._since = 0.0
 
-    def line(self, text: str, now: float, settings: Mapping[str, str] = os.environ) -> str:
-        """Return the line to say now, empty for none; ``text``: what for, empty for nothing. ``now`` in s.
+    def line(self, wait: Wait, now: float, settings: Mapping[str, str] = os.environ) -> str:
+        """Return the line to say now, empty for none; ``now`` in s.
 
-        ``settings`` of discovery are named where somebody who may well be running was not met for long.
+        ``settings`` of discovery are named where a node was not met for long.
         """
+        text = str(wait)
         if not text or (text == self._said and now - self._said_at < _AGAIN_S):
             self._said = text and self._said
             return ""
         if text != self._said:
             self._since = now
         self._said, self._said_at = text, now
-        unmet = _START in text and now - self._since >= _UNMET_S
+        unmet = wait.unmet and now - self._since >= _UNMET_S
         return f"waiting for {text}{f'; {not_discovered(settings)}' if unmet else ''}"
 
 
@@ -148,18 +159,20 @@ def not_discovered(settings: Mapping[str, str]) -> str:
 
 def states(
     topic: str, publishers: Sequence[str], last_ns: int | None, refused: Mapping[str, int]
-) -> str:
-    """Return the line for a node that hears no states; empty if their publisher is only holding them.
+) -> Wait:
+    """Return the wait of a node that hears no states; nothing if their publisher is only holding them.
 
     ``last_ns``: the stamp of the last one, None if there was none yet; ``publishers``: who publishes them;
     ``refused``: how many states were not used, by reason.
     """
     if last_ns is not None:
         last = f"the last one was at t = {seconds(last_ns):g} s"
-        return "" if publishers else f"states on {topic}: {last}, and nobody publishes them now"
+        gone = f"states on {topic}: {last}, and nobody publishes them now"
+        return Wait() if publishers else Wait(gone)
     if refused:
         counts = ", ".join(f"{reason} {count}" for reason, count in refused.items())
-        return f"the first usable state on {topic}: {counts}"
+        return Wait(f"the first usable state on {topic}: {counts}")
     if publishers:
-        return f"the first state on {topic}: none has come from {', '.join(publishers)} yet"
-    return f"states on {topic}: nobody publishes them (start it: ros2 run trunk_sim simulator)"
+        return Wait(f"the first state on {topic}: none has come from {', '.join(publishers)} yet")
+    start = f"states on {topic}: nobody publishes them (start it: ros2 run trunk_sim simulator)"
+    return Wait(start, unmet=True)

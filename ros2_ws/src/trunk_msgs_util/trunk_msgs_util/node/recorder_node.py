@@ -609,17 +609,17 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             return
         self.look_for_duplicate(event.node, event.message, event.values)
 
-    def waits_for(self) -> str:
+    def waits_for(self) -> discovery.Wait:
         """Return the reason why a recorder hears nothing, and how to end one whose run is over."""
         if not self.active:
-            return ""
+            return discovery.Wait()
         if self._account.end is not None:
-            return (
+            return discovery.Wait(
                 "Ctrl-C: the run is over; stop the controllers first: then they report their counts"
             )
         before, self._looked_at = self._looked_at, self._account.count(topics.JOINT_STATES)
         if self._looked_at > before:
-            return ""
+            return discovery.Wait()
         topic = self.resolve_topic_name(topics.JOINT_STATES)
         last_ns = self._written_ns.get(topics.JOINT_STATES, -1)
         publishers = discovery.described_publishers(self, topic)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from enum import Enum
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from .joint_table import Floats, Piece
     from .messages import Messages
 
-__all__ = ["Recording", "RecordingError", "Topic"]
+__all__ = ["Ending", "Recording", "RecordingError", "Topic"]
 
 Parsed = TypeVar("Parsed")
 _RUN = names.RUN_EVENTS.rpartition("/")[0] + "/"
@@ -37,6 +38,16 @@ _RUN = names.RUN_EVENTS.rpartition("/")[0] + "/"
 _KEPT = 64 << 20
 # A larger file need not be read whole to be opened; smaller ones are scanned in no time.
 _BY_SUMMARY = 32 << 20
+
+
+class Ending(Enum):
+    """How a recording ends."""
+
+    COMPLETE = "its recorder marked it as complete"
+    INCOMPLETE = "by its end record, or by what can be read"
+    DAMAGED = "its end is there, something before it is damaged"
+    CUT = "our recorder did not shut down properly"
+    FOREIGN = "another program recorded it: nothing says whether it is complete"
 
 
 class Bag:
@@ -57,6 +68,8 @@ class Bag:
         self.digests: dict[str, str] = {}
         self.end: dict[str, str] | None = None
         self.warnings: list[str] = []
+        self.of_files: list[str] = []  # those among them that tell of a file's structure
+        self.ending = Ending.COMPLETE
         self.unfinished = ""
         self._damage = ""  # of a file whose end is there; among the warnings
         self.checked = True  # every record was read and is sound
@@ -91,7 +104,8 @@ class Bag:
             self.digests.update(file.metadata.get(DIGESTS, {}))
             self.end = file.metadata.get(END, self.end)
             if file.warning:
-                self.warnings.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
+                self.of_files.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
+                self.warnings.append(self.of_files[-1])
                 self._damage = self.warnings[-1] if file.closed else ""
             if not file.whole:
                 if path != files[-1]:
@@ -112,17 +126,22 @@ class Bag:
         if marked and self._read_to_their_ends:
             return
         if self.end is not None and not marked:
+            self.ending = Ending.INCOMPLETE
             self.unfinished = f"incomplete: {self.end.get('reason', 'no reason given')}"
         elif self._damage:
-            self.unfinished = self._damage
+            self.ending, self.unfinished = Ending.DAMAGED, self._damage
             return
         elif marked:
+            self.ending = Ending.INCOMPLETE
             self.unfinished = "incomplete: marked as complete, but not all of it can be read"
         elif library.startswith(OURS) or not (library or self._files[0].whole):
+            self.ending = Ending.CUT
             self.unfinished = f"no {END} record: the recorder did not shut down properly"
         elif is_bag and counted is None:
+            self.ending = Ending.CUT
             self.unfinished = f"no {METADATA}: the recorder did not shut down properly"
         else:
+            self.ending = Ending.FOREIGN
             self.unfinished = (
                 f"recorded by {library or 'a program that gives no name'}: "
                 f"no {END} record says whether the run is complete"
