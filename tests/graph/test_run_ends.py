@@ -177,6 +177,12 @@ def test_a_run_that_failed_fails_once(simulator: Any, lockstep: str) -> None:
     assert node.exit_code == 1
 
 
+def test_a_simulator_fails_before_it_is_configured(simulator: Any) -> None:
+    node, events = simulator("autostart:=false")
+    node.fail("a callback raised")
+    assert (events, node.exit_code) == (["failed"], 1)
+
+
 def test_an_end_without_a_count_of_states_is_malformed(recorder: Any) -> None:
     node = recorder()
     node._on_event(event(0, "/simulator", "finished", {"states": "many"}))

@@ -334,7 +334,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     def fail(self, reason: str, **values: object) -> None:
         """End the run with an error; the record says how many states there are."""
-        self._step_timer.cancel()
+        if self.configured:
+            self._step_timer.cancel()
         if self._running:
             self._publish_last_inputs()
         self._say_counts()
