@@ -83,6 +83,7 @@ def test_every_message_is_recorded_once(
         assert sorted(stamps) == sorted(told * len(profiles)), topic
 
 
+@pytest.mark.virtual
 @pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize(
     "profile",

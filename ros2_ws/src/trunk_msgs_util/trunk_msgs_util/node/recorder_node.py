@@ -207,11 +207,11 @@ class RecordedSubscription:
         self._passing[kind] = self._subscribe(self._topic, profile, on_message)
 
     def _on_kept(self, data: bytes, info: Info) -> None:
-        """Take a message of a node of ours, unless its live copy was taken."""
+        """Take a message of a node of ours, unless a copy of it was taken."""
+        source = source_in(frame_in(data))
+        if source:  # also for copies that are heard from later on
+            self._sources.add(source)
         if self._passing:
-            source = source_in(frame_in(data))
-            if source:
-                self._sources.add(source)
             key = info["publication_sequence_number"], data
             if self._live_alone.take(key):
                 return
@@ -234,7 +234,8 @@ class RecordedSubscription:
         self._passed[sample] = None
         if len(self._passed) > _REMEMBERED:
             self._passed.popitem(last=False)
-        if kind[1] == DurabilityPolicy.VOLATILE:  # only these hear our nodes' live copies
+        # Only volatile ones hear our nodes' live copies; somebody's copy, of any kind, names the source.
+        if source or kind[1] == DurabilityPolicy.VOLATILE:
             key = number, data
             if self._kept_alone.take(key):
                 return
