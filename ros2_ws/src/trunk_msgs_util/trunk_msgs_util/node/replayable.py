@@ -33,6 +33,8 @@ class ReplayablePublisher:
     def __init__(self, node: Node, topic: str, live: bool = True) -> None:
         self._node = node
         self.topic = node.resolve_topic_name(topic)
+        # A recorder hears these from its beginning; it looks for others.
+        self.named = topic in topics.evidence_types((), topics.REAL_TIME)
         # DDS announces them in this order: a recorder finds the live one last, and knows that it is ours.
         self._kept = node.create_publisher(JointState, topics.evidence(self.topic), qos.evidence())
         # Bypasses rclpy's check of the message's type, a third of the cost of publishing.
@@ -72,7 +74,7 @@ def await_acknowledgement(
     """Wait, for a bounded time, until every reliable reader has received what the node published.
 
     If one of ``publishers`` has published, first wait until every known recorder is matched with this
-    node. If none is known, one may still be discovered for some time after the node's start, ``born_s``
+    node, on the topics that it looks for as well. If none is known, one may still be discovered for some time after the node's start, ``born_s``
     (monotonic clock), and after its first message to be recorded: wait for it until then.
     """
     patience = middleware.patience()
@@ -82,10 +84,14 @@ def await_acknowledgement(
     )
     deadline = time.monotonic() + _ACKNOWLEDGED_S * patience
     while published and time.monotonic() < deadline:
-        recorders = set().union(*(publisher.recorders() for publisher in published))
-        # DDS announces a participant's subscriptions in the order of their creation; the recorder creates
-        # the one for the run's parameters last.
-        if recorders and recorders <= discovery.listeners(node, topics.RUN_PARAMETERS):
+        heard = [(publisher.named, publisher.recorders()) for publisher in published]
+        recorders = set().union(*(nodes for _, nodes in heard))
+        # Others than recorders hear some of it only.
+        of_all = recorders.intersection(*(nodes for named, nodes in heard if named))
+        sought = all(of_all <= nodes for _, nodes in heard)
+        # DDS announces a participant's subscriptions in the order of their creation; of those for named
+        # topics, the recorder creates the one for the run's parameters last.
+        if recorders and sought and recorders <= discovery.listeners(node, topics.RUN_PARAMETERS):
             break
         if not recorders and time.monotonic() > known_s:
             break
