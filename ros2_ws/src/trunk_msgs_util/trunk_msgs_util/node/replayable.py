@@ -74,8 +74,9 @@ def await_acknowledgement(
     """Wait, for a bounded time, until every reliable reader has received what the node published.
 
     If one of ``publishers`` has published, first wait until every known recorder is matched with this
-    node, on the topics that it looks for as well. If none is known, one may still be discovered for some time after the node's start, ``born_s``
-    (monotonic clock), and after its first message to be recorded: wait for it until then.
+    node, on the topics that it looks for as well. If none is known, one may still be discovered for some
+    time after the node's start, ``born_s`` (monotonic clock), and after its first message to be recorded:
+    wait for it until then.
     """
     patience = middleware.patience()
     published = [publisher for publisher in publishers if publisher.count]
