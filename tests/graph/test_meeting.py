@@ -127,8 +127,9 @@ def test_the_clock_is_published_before_its_states(
     peer.node.create_subscription(JointState, topic, on_state, every)
     simulator = children.node("simulator", "publish_clock:=true", "wait_for:=[]")
     both = peer.until(
-        lambda: len(found := written["clock"].keys() & written["state"].keys()) >= 50 and found,
+        lambda: len(found := written["clock"].keys() & written["state"].keys()) > 50 and found,
         "fifty states, and their clocks",
     )
     simulator.stop()
-    assert all(written["clock"][stamp] < written["state"][stamp] for stamp in both)
+    # The first state's clock comes twice, and the peer may be too late for one of them.
+    assert all(written["clock"][stamp] < written["state"][stamp] for stamp in both - {0})
