@@ -146,6 +146,7 @@ class RecordedSubscription:
         self._passing: dict[Kind, Subscription] = {}
         self._looked_at = (0, 0)
         self._unnamed_looks = 0
+        self._read = WireReader()
         self._kept_topic = topics.evidence(node.resolve_topic_name(topic))
         self._kept = self._subscribe(self._kept_topic, qos.evidence(), self._on_kept)
 
@@ -212,7 +213,7 @@ class RecordedSubscription:
         if source:  # also for copies that are heard from later on
             self._sources.add(source)
         if self._passing:
-            key = info["publication_sequence_number"], data
+            key = self._key(data, info, source)
             if self._live_alone.take(key):
                 return
             if not source:
@@ -227,8 +228,7 @@ class RecordedSubscription:
         source = source_in(frame_in(data))
         if source in self._sources:
             return
-        number = info["publication_sequence_number"]
-        sample = info["source_timestamp"], number, data
+        sample = info["source_timestamp"], info["publication_sequence_number"], data
         if sample in self._passed:
             return
         self._passed[sample] = None
@@ -236,7 +236,7 @@ class RecordedSubscription:
             self._passed.popitem(last=False)
         # Only volatile ones hear our nodes' live copies; somebody's copy, of any kind, names the source.
         if source or kind[1] == DurabilityPolicy.VOLATILE:
-            key = number, data
+            key = self._key(data, info, source)
             if self._kept_alone.take(key):
                 return
             # Somebody's copy can overtake the first message that is kept, which names the source.
@@ -245,6 +245,12 @@ class RecordedSubscription:
                 return
             self._live_alone.add(key)
         self._take(data)
+
+    def _key(self, data: bytes, info: Info, source: str) -> Hashable:
+        """Return what a message has in common with its copies: in somebody's, the padding is arbitrary."""
+        if source:
+            data = sample_to_wire(self._read(data), source)
+        return info["publication_sequence_number"], data
 
     def of_other_types(self) -> list[str]:
         """Return who publishes something else there, which nobody receives, a line each."""
