@@ -78,7 +78,7 @@ def test_stored_is_active_and_published(pid: Child, peer: Peer) -> None:
     assert repr(services.get("gains.p")) == "[80.0]"
     assert answer() == -0.25 * 80.0
 
-    changes = [p for p in peer.parameters if p.changed]
+    changes = peer.until(lambda: [p for p in peer.parameters if p.changed], "it is published")
     assert [(c.node, c.stamp_ns, c.changed) for c in changes] == [
         ("/pid", 2 * PERIOD_NS, {"gains.p": 80.0})
     ]
@@ -168,7 +168,7 @@ def test_linked_values_and_rules(children: Children, peer: Peer) -> None:
     assert not services.set(rules__kp__NM__PB="X").successful
 
     peer.until(lambda: len([p for p in peer.parameters if p.changed]) == 2, "changes are published")
-    changes = [p for p in peer.parameters if p.changed]
+    changes = peer.until(lambda: [p for p in peer.parameters if p.changed], "it is published")
     assert [(c.stamp_ns, c.changed) for c in changes] == [
         (-1, {"gains.p_min": 70.0, "gains.p_max": 90.0}),
         (-1, {"rules.kp": rows}),
