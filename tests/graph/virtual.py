@@ -1,7 +1,7 @@
 """Tests of the graph in the virtual world of tests/seeds: python -m pytest -p tests.graph.virtual -m virtual.
 
-The test is a process of the world, as its nodes are, and time is virtual for it as well. The test's name, and
-TRUNK_SEED if it is in the environment, draw how long messages and discovery take.
+The test is a process of the world, as its nodes are, and time is virtual for it as well. The test's name and
+TRUNK_SEED, else the epoch (conftest.py), draw how long messages and discovery take.
 """
 
 import os
@@ -138,7 +138,8 @@ def _own_stderr(world: World) -> Callable[[Process | None], None]:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool:
     """Run a test, its fixtures as well, as a process of a world of its own."""
-    world = nodes.new_world(crc32(f"{item.nodeid}{os.environ.get('TRUNK_SEED', '')}".encode()))
+    seed = os.environ.get("TRUNK_SEED", os.environ["TRUNK_EPOCH"])
+    world = nodes.new_world(crc32(f"{item.nodeid}{seed}".encode()))
     world.switched = _own_stderr(world)
     world.network.loss = 0.0  # as on one machine
     world.first = _FIRST
