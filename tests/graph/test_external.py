@@ -126,7 +126,7 @@ def test_in_real_time_each_habit_is_named(
     # On a busy machine the recorder may miss what a publisher no longer keeps, and then says so.
     lost = "was not recorded" in (doubts["reason"] or "")
     assert code == (1 if lost else 0 if acts else 2), run.stdout + run.stderr
-    silent = "SILENT: no command of foreign_pd was in force (0 of 200 steps)"
+    silent = "no command of foreign_pd was in force (0 of 200 steps)"
     assert doubts["silent"] == (None if acts else silent)
     assert [line.partition(":")[0] for line in doubts["refused"]] == ([word] if word else [])
     assert all(says in line for line in doubts["refused"])
