@@ -41,7 +41,8 @@ def exceptions():
             if module.name.endswith("__main__"):
                 continue
             for name, kind in getmembers(import_module(module.name), isclass):
-                if issubclass(kind, BaseException) and kind.__module__.split(".")[0] in PACKAGES:
+                ours = kind.__module__.split(".")[0] in PACKAGES
+                if ours and issubclass(kind, BaseException) and not issubclass(kind, Warning):
                     yield name, kind
 
 

@@ -30,6 +30,7 @@ def train(tmp_path):
     return run
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_a_policy_is_trained_saved_and_compared(train, tmp_path):
     done = train("-o", "out", "--generations", "6", "--population", "16")

@@ -59,6 +59,7 @@ def test_a_path_moves_the_trunk():
     assert states(walk("computed_torque"))[-1] != states(other)[-1], "the model's path, too"
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_runs_share_blocks_by_their_number_of_harmonics(batch):
     paths = [(0.01,), (0.01, 0.02), (), (0.01, 0.02, 0.0)]

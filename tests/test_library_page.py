@@ -29,6 +29,7 @@ def test_the_contract_is_the_checked_in_list():
     assert [name for name in {*trunk.__all__} - {"UNITS"} if not getattr(trunk, name).__doc__] == []
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_the_pages_code_runs_as_printed(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

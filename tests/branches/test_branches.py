@@ -11,6 +11,7 @@ import pytest
 PAGE = Path(__file__).parents[2] / "docs" / "sweep.md"
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_the_pages_commands_work_in_order(tmp_path: Path) -> None:
     section = PAGE.read_text("utf-8").partition("## What if\n")[2].partition("\n## ")[0]

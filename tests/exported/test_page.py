@@ -29,6 +29,7 @@ def exported(tmp_path_factory):
     return folder
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_the_examples_are_copied_with_a_controller(exported):
     run(BLOCKS[3], exported)

@@ -57,6 +57,7 @@ def test_demo(children: Children, tmp_path: Path) -> None:
     assert_readable_by_all(folder / "run.mcap")
 
 
+@pytest.mark.one_in(4)
 def test_the_demo_script_ends_with_a_verdict_a_page_and_what_to_try_next(
     children: Children, tmp_path: Path
 ) -> None:

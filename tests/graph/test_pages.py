@@ -65,6 +65,7 @@ def test_nodes_started_by_hand_end_with_a_verified_file(children: Children, tmp_
     assert f"ended: {commands} commands given, the last at t = 10 s" in shells["fuzzy_pid"].stderr
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_tutorial(children: Children, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     promised = ("first.mcap: verified", "identical: 10006 messages, bit for bit")
@@ -90,6 +91,7 @@ def test_tutorial(children: Children, tmp_path: Path, monkeypatch: pytest.Monkey
     assert text.count(": verified\n") == 2
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_rules(children: Children, tmp_path: Path) -> None:
     pytest.importorskip("fuzzylite", reason="needs pyfuzzylite: requirements/fuzzy.txt")
@@ -101,6 +103,7 @@ def test_rules(children: Children, tmp_path: Path) -> None:
     assert (tmp_path / "again.yaml").read_text() == (tmp_path / "rules.yaml").read_text()
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_a_node_of_ones_own(children: Children) -> None:
     section = page("controllers").partition("### From nothing to a comparison")[2]

@@ -21,6 +21,7 @@ def module(children: Children, *words: object) -> Child:
     return children.start("module", "env", "-C", ROOT, sys.executable, "-m", *words)
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_bad_arguments_lose_nothing_and_get_one_line(children: Children) -> None:
     """Some twenty; `python -m tests.hostile.arguments` tries all with every verb, `trunk run` among them."""

@@ -27,6 +27,7 @@ def page(tmp_path_factory):
     return path, experiments, expected
 
 
+@pytest.mark.one_in(4)
 def test_chromium_computes_the_same_bits(page, opened_page):
     path, experiments, expected = page
     tab = opened_page(path, bypass_csp=True)

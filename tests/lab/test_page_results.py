@@ -127,6 +127,7 @@ def recorded(trunk, experiment):
     return path
 
 
+@pytest.mark.one_in(4)
 def test_saved_runs_are_verified_and_those_of_the_commands(opened, trunk, tmp_path, monkeypatch):
     page = opened()
     set_gain(page, 75)

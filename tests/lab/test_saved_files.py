@@ -91,6 +91,7 @@ def check_states(path: Path, run: RecordedRun) -> None:
     assert np.array_equal(numbers[:, 1:], np.hstack([truth.position, truth.velocity]))
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(("scenario", "law"), [("demo", "pid"), ("fig8", "fuzzy_pid")])
 @pytest.mark.usefixtures("tools")

@@ -52,6 +52,7 @@ def stamps(rate, seconds, jitter_ns=0, ppm=0.0):
     return np.rint(regular + np.random.default_rng(7).uniform(-jitter_ns, jitter_ns, count))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("robot", "every"),
     [

@@ -246,6 +246,7 @@ def one_by_one(block):
     return pa.concat_tables([run_block(part) for part in parts])
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.skipif(COMPILER is None, reason="no C++ compiler: apt-get install g++")
 @pytest.mark.slow
 def test_limits_and_indices_are_the_same(in_a_cards_place, tmp_path, trunk):

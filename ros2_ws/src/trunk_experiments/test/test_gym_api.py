@@ -32,6 +32,7 @@ OPTIONS = {
 ABOUT_BOUNDS = "A Box .* space (minimum|maximum) value is|For Box action spaces, we recommend"
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
 def test_gymnasiums_own_check_passes(options):

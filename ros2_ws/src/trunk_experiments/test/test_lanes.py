@@ -158,10 +158,8 @@ SCALAR = {"pid": 3, "lqr": 3, "computed_torque": 3, "fuzzy_pid": 7, "fuzzy": 7}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=() if n == "pid" else pytest.mark.one_in(4)) for n in CONTROLLERS],
-)
+@pytest.mark.one_in(4)
+@pytest.mark.parametrize("name", CONTROLLERS)
 def test_the_loops_over_lanes_are_vector_code(name):
     """The law's update, the plant's steps, the sums: no scalar division of a lane's numbers is left.
 

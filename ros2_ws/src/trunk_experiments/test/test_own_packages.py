@@ -93,6 +93,7 @@ def test_two_controllers_of_one_name_are_refused_naming_both_packages(tmp_path: 
 REMEMBERS = "effort: float = 0.0  # N m, the last command"
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("remembered", ["", "\n    past: tuple[float, ...] = (0.0, 0.0)"])
 def test_a_law_that_numba_refuses_is_swept_by_cpython_and_mapped(
@@ -118,6 +119,7 @@ def test_a_law_that_numba_refuses_is_swept_by_cpython_and_mapped(
     assert (panel["growth"] is None) == bool(remembered)
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_an_exception_in_a_law_gives_one_line_with_its_place(tmp_path: Path) -> None:
     law = own_law(tmp_path, "    wanted = ", "    unknown, of_two = (1.0,)\n    wanted = ")

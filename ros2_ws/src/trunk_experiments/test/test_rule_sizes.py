@@ -35,6 +35,7 @@ def batch():
     return Batch()
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["fuzzy_pid", "fuzzy"])
 def test_compiled_code_and_lanes_have_cpythons_bits(law, batch):

@@ -182,6 +182,7 @@ def taken_over(tmp_path):
     return go
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("suffix", BASE)
 def test_each_statement_counts_or_is_refused_by_name(taken_over, suffix):
     base = taken_over(suffix, BASE[suffix])
@@ -222,6 +223,7 @@ def test_the_standard_accumulates_in_the_block_of_rules(taken_over):
     assert "ACCU : MAX, but BSUM" in taken_over(".fcl", both)
 
 
+@pytest.mark.one_in(4)
 def test_keywords_of_any_case_and_lines_that_end_otherwise_say_the_same(taken_over):
     fcl = re.sub(r"\b[A-Z_]{2,}\b", lambda match: match[0].lower(), FCL).replace(
         "e : real; e_dot : real;", "e, e_dot : Real := 0.0;"

@@ -69,6 +69,7 @@ def path(tmp_path_factory):
     return swept(STUDY, tmp_path_factory.mktemp("map"))
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_panels(path):
     found = panels(Results.read(path), "iae", ("delay", "gain"), with_floquet=True)

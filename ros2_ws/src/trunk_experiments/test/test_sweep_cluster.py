@@ -70,6 +70,7 @@ def described(file):
     return False
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 def test_the_loss_of_a_worker_changes_nothing(study, cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(sweep_cluster, "_CONNECT_S", HUNG_S)
