@@ -22,6 +22,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import warnings
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
@@ -130,6 +131,11 @@ def trunk(
 ) -> Callable[..., tuple[int, str, str]]:
     """Return a function that runs the command in this process: exit code, stdout, stderr."""
     from trunk_experiments.cli import main
+
+    # What it changes in its process, and this one goes on.
+    for name in ("MPLBACKEND", "MATPLOTLIBRC", "SOURCE_DATE_EPOCH"):
+        monkeypatch.setenv(name, os.environ.get(name, ""))
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
 
     def run(*words: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["trunk", *map(str, words)])
