@@ -11,8 +11,8 @@ What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the las
 what each test cost goes to the file TRUNK_DURATIONS. None is skipped for want of a tool that TRUNK_REQUIRE
 names.
 
-A test that hangs is ended after the `timeout` of pyproject.toml, one in a browser that waits for what never
-comes sooner; their seconds grow longer on a busy machine.
+A test that hangs is ended after the `timeout` of pyproject.toml; browser tests, which may wait for something
+that never comes, are ended sooner. These seconds grow longer on a busy machine.
 """
 
 import asyncio
@@ -180,6 +180,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     Raises UsageError for a test of the graph where scripts/test.sh does not look for any.
     """
+    _required()
     uses: dict[tuple[str, int], list[pytest.Item]] = {}
     files: dict[str, list[pytest.Item]] = {}
     for item in items:
@@ -215,8 +216,17 @@ _TOOLS = {
 
 def missing(reason: str) -> str:
     """Return which of the tools that have to be here is missing where a test is skipped for a reason."""
-    required = filter(None, os.environ.get("TRUNK_REQUIRE", "").split(","))
-    return next((tool for tool in required if re.search(_TOOLS[tool], reason)), "")
+    return next((tool for tool in _required() if re.search(_TOOLS[tool], reason)), "")
+
+
+def _required() -> list[str]:
+    """Return the names in TRUNK_REQUIRE. Raises UsageError for unknown ones."""
+    names = [name.strip() for name in os.environ.get("TRUNK_REQUIRE", "").split(",")]
+    if unknown := set(names) - {*_TOOLS, ""}:
+        raise pytest.UsageError(
+            f"TRUNK_REQUIRE: {', '.join(unknown)}: allowed are {', '.join(_TOOLS)}"
+        )
+    return [name for name in names if name]
 
 
 _BEGAN = pytest.StashKey[float]()

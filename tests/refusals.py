@@ -150,7 +150,9 @@ class Refusal(NamedTuple):
         said = f"parameter {name!r}: {repr(value)[:60]}" if known else name
         assert "\n" not in line
         assert said in line, line
-        assert line.rpartition("is not allowed: " if known else name)[2].count(self.allowed), line
+        before = "is not allowed: " if known else name
+        assert before in line, line
+        assert self.allowed in line.rpartition(before)[2], line
 
 
 def _refusals() -> Iterator[Refusal]:

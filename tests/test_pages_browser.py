@@ -201,6 +201,7 @@ def test_keys_and_a_click_lead_through_the_time(shown, name, last):
         }""",
         arg=last / 2 + 0.1,
     )
+    page.evaluate("() => { view.speed = 0; }")  # it does not reach the end meanwhile
     page.focus("#play")
     page.keyboard.press(" ")  # a focused button is pressed once, not twice
     assert page.evaluate("() => view.playing")

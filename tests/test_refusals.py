@@ -31,6 +31,8 @@ every = pytest.mark.parametrize("refusal", REFUSALS, ids=str)
 def test_by_its_class(refusal: Refusal) -> None:
     with pytest.raises(ParameterError) as caught:
         build(NODES[refusal.node].config, refusal.values)
+    if not refusal.allowed.startswith("no such"):
+        assert caught.value.name == next(iter(refusal.values))
     refusal.check(str(caught.value))
 
 

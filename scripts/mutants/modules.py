@@ -30,7 +30,7 @@ _PID = (
     *("-k", "not every_command"),  # a minute, over four laws
 )
 _REFUSALS = "tests/test_refusals.py::test_by_its_class"
-_LOOP = (*_in(EXPERIMENTS, "compiled_run"), "tests/test_turns.py")
+_LOOP = (*_in(EXPERIMENTS, "compiled_run"), "tests/test_turns.py", "tests/same_bits")
 _VERIFY = ("tests/verify", "tests/test_turns.py", "-k", "not compiled")
 
 MODULES = {
@@ -68,7 +68,9 @@ MODULES = {
         _in(CONTROL, "controller", "bumpless_transfer"),
         placeholders=("_SAMPLE", "_NO_TRANSFER"),
     ),
-    "reference": Module(CONTROL + "trunk_control/reference.py", _in(CONTROL, "reference")),
+    "reference": Module(
+        CONTROL + "trunk_control/reference.py", (*_in(CONTROL, "reference"), _REFUSALS)
+    ),
     "metrics": Module(
         EXPERIMENTS + "trunk_experiments/analysis/metrics.py", ("tests/test_metrics.py",)
     ),

@@ -126,7 +126,7 @@ def test_in_real_time_each_habit_is_named(
     # On a busy machine the recorder may miss what a publisher no longer keeps, and then says so.
     lost = "was not recorded" in (doubts["reason"] or "")
     assert code == (1 if lost else 0 if acts else 2), run.stdout + run.stderr
-    silent = "no command of foreign_pd was in force (0 of 200 steps)"
+    silent = "no command from foreign_pd was in force (0 of 200 steps)"
     assert doubts["silent"] == (None if acts else silent)
     assert [line.partition(":")[0] for line in doubts["refused"]] == ([word] if word else [])
     assert all(says in line for line in doubts["refused"])
@@ -148,7 +148,7 @@ def test_a_node_that_hears_nothing_is_silent_and_its_policy_named(
     words = ("run", "fig6", "--composed", "--duration", 1, "--external", "mine", "--output", "run")
     run = children.trunk(*words)
     assert run.wait() == 2, run.stdout + run.stderr
-    assert run.stdout.startswith("SILENT: no command of mine was in force (0 of 1000 steps)\n"), (
+    assert run.stdout.startswith("SILENT: no command from mine was in force (0 of 1000 steps)\n"), (
         run.stdout
     )
     fault = f"/foreign_pd subscribes to /joint_states with a {policy} that does not fit"
@@ -158,7 +158,7 @@ def test_a_node_that_hears_nothing_is_silent_and_its_policy_named(
         shown = children.trunk(verb, "run", name=verb)
         assert shown.wait() == (2 if verb == "verify" else 0)
         assert shown.stdout.startswith(
-            "SILENT: no command of mine was in force (0 of 1000 steps)\n"
+            "SILENT: no command from mine was in force (0 of 1000 steps)\n"
         )
     checked = children.trunk("controller", "check-node", "--wait", 5, name="check")
     assert checked.wait() != 0

@@ -7,9 +7,11 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from hashlib import blake2b
+from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -53,7 +55,12 @@ def _made_of() -> str:
         place = path.relative_to(packages)
         if path.is_file() and not {"test", "__pycache__"} & set(place.parts):
             digest.update(f"{place}\0".encode() + path.read_bytes())
-    digest.update(subprocess.check_output([*wasm._compiler(), "--version"]))
+    linker = ["wasm-ld"] if shutil.which("wasm-ld") else [*wasm._compiler()]
+    for tool in (wasm._compiler(), linker):
+        digest.update(subprocess.check_output([*tool, "--version"]))
+    for library in ("jinja2", "ziglang"):
+        with suppress(PackageNotFoundError):
+            digest.update(version(library).encode())
     return digest.hexdigest()
 
 

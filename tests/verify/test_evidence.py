@@ -602,8 +602,8 @@ def test_a_process_that_gave_no_command_is_not_judged(in_time, tmp_path):
 @pytest.mark.parametrize(
     ("held", "says"),
     [
-        (0, "no command of pid was in force (0 of 800 steps)"),
-        (500, "no command of pid was in force after t = 2.5 s (500 of 800 steps)"),
+        (0, "no command from pid was in force (0 of 800 steps)"),
+        (500, "no command from pid was in force after t = 2.5 s (500 of 800 steps)"),
         (700, ""),  # half a second at the end: a busy machine
         (800, ""),
     ],

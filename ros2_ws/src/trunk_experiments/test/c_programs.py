@@ -3,7 +3,9 @@
 import os
 import shutil
 import subprocess
+import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from functools import cache
 from hashlib import blake2b
 from math import isnan
@@ -29,6 +31,7 @@ from trunk_experiments.export_c.types import (
 COMPILER = os.environ.get("CC") or shutil.which("gcc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler: apt-get install gcc")
 _CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "trunk-tests"
+_KEPT_S = 30 * 86_400.0
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 
 
@@ -38,6 +41,10 @@ def made_once(of: object, make: Callable[[], bytes]) -> bytes:
     if not kept.exists():
         made = make()
         _CACHE.mkdir(parents=True, exist_ok=True)
+        for old in _CACHE.iterdir():
+            with suppress(OSError):  # another process's
+                if time.time() - old.stat().st_mtime > _KEPT_S:
+                    old.unlink()
         with NamedTemporaryFile(dir=_CACHE, delete=False) as part:
             part.write(made)
         Path(part.name).replace(kept)

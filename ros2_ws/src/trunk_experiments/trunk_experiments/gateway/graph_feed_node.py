@@ -423,7 +423,8 @@ class GraphRequests:
                         f"{name}: refused; it is {self._graph.nodes[name].state}"
                     )
                 if deadline.spent(awaited) or now > longest:
-                    raise RefusedRequestError(f"{name} did not answer within {_ANSWER_S:g} s")
+                    limit_s = _LONGEST_S if now > longest else _ANSWER_S
+                    raise RefusedRequestError(f"{name} did not answer within {limit_s:g} s")
                 await asyncio.sleep(_ANSWER_LOOK_S)
         finally:
             self._asking -= 1

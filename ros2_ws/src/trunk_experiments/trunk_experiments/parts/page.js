@@ -68,8 +68,9 @@ const view = (() => {
   // ── buttons ──────────────────────────────────────────────────────────────────────────────────────────
   // A page that moves between press and release, as for an alarm, takes a button from under a hand that rests on it.
   let pressed = null;
-  addEventListener("pointerdown", ({ target, clientX, clientY }) => {
-    pressed = { control: target.closest("label") ?? target.closest("button, input, summary"), clientX, clientY };
+  addEventListener("pointerdown", ({ button, target, clientX, clientY }) => {
+    const control = target.closest("label") ?? target.closest("button, input, summary");
+    pressed = button ? null : { control, clientX, clientY };
   }, true);
   addEventListener("pointerup", ({ target, clientX, clientY }) => {
     const moved = pressed && Math.hypot(clientX - pressed.clientX, clientY - pressed.clientY);

@@ -293,9 +293,9 @@ def silence(run: RecordedRun) -> str:
     if commanded and (silent_ns <= _SILENT_S * NANOSECONDS or left):
         return ""
     names = run.acting or run.recording.provenance.get("controller", "").split()
-    who = ", ".join(names) or "nobody"
+    by = f" from {', '.join(names)}" if names else ""
     after = f" after t = {seconds(end.stamp_ns - silent_ns):g} s" if commanded else ""
-    return f"no command of {who} was in force{after} ({commanded} of {steps} steps)"
+    return f"no command{by} was in force{after} ({commanded} of {steps} steps)"
 
 
 def _beyond(run: RecordedRun) -> Beyond | None:

@@ -68,7 +68,6 @@ class Bag:
         self.digests: dict[str, str] = {}
         self.end: dict[str, str] | None = None
         self.warnings: list[str] = []
-        self.of_files: list[str] = []  # those among them that tell of a file's structure
         self.ending = Ending.COMPLETE
         self.unfinished = ""
         self._damage = ""  # of a file whose end is there; among the warnings
@@ -104,8 +103,7 @@ class Bag:
             self.digests.update(file.metadata.get(DIGESTS, {}))
             self.end = file.metadata.get(END, self.end)
             if file.warning:
-                self.of_files.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
-                self.warnings.append(self.of_files[-1])
+                self.warnings.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
                 self._damage = self.warnings[-1] if file.closed else ""
             if not file.whole:
                 if path != files[-1]:

@@ -12,6 +12,8 @@ const wire = (() => {
   let wait = 250;
   const ENDED = 4000; // the server will not come back
   const LATE_MS = 2000; // from then on a page says that it waits
+  const late = new Map(); // the kinds of such requests, by number
+  const tell = (kinds) => alarm.say(kinds.size ? `${[...new Set(kinds.values())].join(", ")}: no answer yet` : "", "late");
   const say = (kind, values) => listeners.forEach((listener) => listener(kind, values));
 
   const rows = (data) => {
@@ -81,11 +83,11 @@ const wire = (() => {
         return;
       }
       number += 1;
-      const about = `answer ${number}`;
-      const late = setTimeout(() => alarm.say(`${kind}: no answer yet`, about), LATE_MS);
-      waiting.set(number, (answer) => {
-        clearTimeout(late);
-        alarm.say("", about);
+      const own = number;
+      const timer = setTimeout(() => tell(late.set(own, kind)), LATE_MS);
+      waiting.set(own, (answer) => {
+        clearTimeout(timer);
+        if (late.delete(own)) tell(late);
         done(answer);
       });
       socket.send(JSON.stringify({ kind, number, ...values }));
