@@ -1,0 +1,332 @@
+"""Whatever verifies is a right run: all it shows, its log and origin apart, is what the loop gives again.
+
+A forged recording, its digests written anew, is refused, or it shows exactly what its own plan gives.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, Content, content, write, write_file
+
+from trunk_experiments.analysis.run_table import all_columns, recorded_metrics
+from trunk_experiments.commands.info import summary
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.plan import plan_of
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.verify import VERIFIED, verdict_on
+from trunk_experiments.results import plain
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_experiments.views.report_data import report_data
+from trunk_experiments.views.run_view import RunView
+from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.schemas import event, parameter_event, parse_parameter_event
+from trunk_sim.operator_input import Applied
+
+from .real_time import (
+    EVENTS,
+    PARAMETERS,
+    changed,
+    configure,
+    in_frame,
+    late_inputs,
+    number,
+    record_real_time,
+    source_of,
+    stamp_at,
+)
+from .tampering.bases import OFFLINE, make_base
+from .tampering.check import sample
+from .tampering.edits import edits_of
+
+TRUTH, DISTURBANCE = f"/{topics.GROUND_TRUTH}", f"/{topics.DISTURBANCE}"
+Forgery = Callable[[Content], object]
+
+# Of `info`: the log, which nothing that is shown is computed from, and the file's own members.
+_LOG = {"file", "files", "bytes", "checked", "end", "warnings", "recorded_by", "provenance"}
+_LOG |= {"nodes", "topics"}
+# Of doubts: what nodes noted, and what the recorder knew.
+_NOTED = {"refused", "complete", "reason", "ends_at_s", "planned_s", "judged"}
+
+
+def shown(run: RecordedRun) -> dict[str, str]:
+    """Return all that is shown of a run, its log and origin apart, by its path."""
+    info = plain(summary(run))
+    info["doubts"] = {k: v for k, v in info["doubts"].items() if k not in _NOTED}
+    view = RunView.read(run)
+    columns = {
+        name: np.asarray(c).tobytes().hex() for name, c in all_columns(run, view.table).items()
+    }
+    parameters = {node: v for node, v in run.parameters.items() if node != "recorder"}
+    return dict(
+        _flat(
+            {
+                "info": {name: value for name, value in info.items() if name not in _LOG},
+                "metrics": plain(recorded_metrics(run)),
+                "columns": columns,
+                "report": report_data([view]),
+                "title": view.title,
+                "parameters": parameters,
+            }
+        )
+    )
+
+
+def _flat(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _flat(item, f"{path}/{key}")
+    else:
+        yield path, repr(value)
+
+
+def differences(path: Path) -> list[str] | None:
+    """Return where a recording shows other things than its plan gives; None if it does not verify."""
+    try:
+        run = RecordedRun(Recording.open(path, whole=True))
+    except RecordingError:
+        return None
+    if verdict_on(run).exit_code != VERIFIED:
+        return None
+    again = path.with_suffix(".again.mcap")
+    record_offline(plan_of(run), again, overwrite=True)
+    one, other = shown(run), shown(RecordedRun(Recording.open(again, whole=True)))
+    return sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name))
+
+
+# Recordings, without processes.
+
+
+def offline(path: Path) -> None:
+    make_base(OFFLINE, path, 0.1)
+
+
+def real_time(path: Path) -> None:
+    source = path.with_suffix(".offline.mcap")
+    offline(source)
+    record_real_time(plan_of(RecordedRun.open(source)), path)
+
+
+def late(path: Path) -> None:
+    source = path.with_suffix(".offline.mcap")
+    make_base(OFFLINE, source, 0.1)
+    plan = plan_of(RecordedRun.open(source))
+    steps = np.arange(51)
+    record_real_time(plan, path, late_inputs(plan, steps // 7 % 2, steps // 11 % 3))
+
+
+def pushed(path: Path) -> None:
+    plan = make_plan("demo", "pid", everywhere={"duration": 0.3, "operator.torque": 30.0})
+    record_offline(replace(plan, pushes=((50_000_000, Applied(0.0, 20.0)),)), path)
+
+
+def linked(path: Path) -> None:
+    settings = ["simulator.link.state.loss=0.1", "simulator.link.command.loss=0.1"]
+    plan = make_plan("demo", "pid", everywhere={"duration": 0.3}, settings=settings)
+    record_real_time(plan, path)
+
+
+def silent(path: Path) -> None:
+    """In real time: no command comes after the first tenth of a second."""
+    everywhere = {"duration": 1.5, "update_rate": 50.0, "command_timeout": 0.1}
+    plan = make_plan("demo", "pid", everywhere=everywhere, settings=["simulator.fall.angle=10.0"])
+    steps = np.arange(76)
+    inputs = late_inputs(plan)
+    last = np.minimum(inputs.command_ns, inputs.command_ns[5])
+    given = np.where(steps <= 10, last, -1)
+    answered = {"pid": inputs.answered["pid"][:6]}
+    record_real_time(plan, path, replace(inputs, command_ns=given, answered=answered))
+
+
+BASES = {one.__name__: one for one in (offline, real_time, late, pushed, linked, silent)}
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    """Return a base by its name, made once."""
+    folder = tmp_path_factory.mktemp("shown")
+
+    def made(name: str) -> Content:
+        path = folder / f"{name}.mcap"
+        if not path.exists():
+            BASES[name](path)
+        return content(path)
+
+    return made
+
+
+@pytest.mark.parametrize("name", ["offline", "real_time", "late", "pushed", "linked"])
+def test_an_honest_run_shows_what_its_plan_gives(name, base, tmp_path):
+    write_file(base(name), tmp_path / "run.mcap", ANEW)
+    assert differences(tmp_path / "run.mcap") == []
+
+
+# Forgeries. In real time a message names its process.
+
+
+def fall_at_no_state(found: Content, source: str = "") -> None:
+    data = event(1, "/simulator", Event.FELL, {"angle": 0.001, "limit": 1.57}, source=source)
+    found.messages.insert(0, [EVENTS, 0, data, 0, 0])
+    number(found.messages)
+
+
+def a_fall_of_another_process(found: Content) -> None:
+    fall_at_no_state(found, source_of("simulator", 2))
+
+
+def links_of_another_process(found: Content) -> None:
+    source = source_of("simulator", 2)
+    data = event(1, "/simulator", Event.PASSED_ON, {"states lost": 0}, source=source)
+    found.messages.insert(0, [EVENTS, 0, data, 0, 0])
+    number(found.messages)
+
+
+def an_external_controller(found: Content) -> None:
+    """An event says that somebody's node was connected, and its reference is what the angle was."""
+    found.channels["/reference"] = replace(found.channels["/effort_command"], topic="/reference")
+    values = {"node": "/x", "middleware": "Fast DDS"}
+    data = event(-1, "/simulator", Event.CONNECTED, values, source=_source_in(found))
+    found.messages.insert(0, [EVENTS, 0, data, 0, 0])
+    number(found.messages)
+
+
+def _source_in(found: Content) -> str:
+    return source_of("simulator") if found.of("/plant/inputs") else ""
+
+
+def ghost(node: str, name: str, value: Any, configured: bool = False) -> Forgery:
+    """Return the parameters of a process that sent nothing, before all others."""
+
+    def forge(found: Content) -> None:
+        message = next(m for m in found.of(PARAMETERS) if _node_of(m) == node)
+        told = parse_parameter_event(message[2])
+        assert name in told.new
+        kinds = {key: "double array" for key, v in told.new.items() if v == ()}
+        values, source = {**told.new, name: value}, source_of(node, 9)
+        data = parameter_event(told.stamp_ns, told.node, values, {}, kinds, source)
+        found.messages.insert(0, [PARAMETERS, 0, data, 0, 0])
+        if configured:
+            configure(found.messages, node, process=9)
+        number(found.messages)
+
+    return forge
+
+
+def _node_of(message: list[Any]) -> str:
+    return parse_parameter_event(message[2]).node.removeprefix("/")
+
+
+def terms_of_another(found: Content) -> None:
+    """Where PID acts, fuzzy PID has terms with a reference of its own, too."""
+    terms = found.of("/fuzzy_pid/state")[0][2]
+    for message in found.of("/pid/state"):
+        stamp_ns = stamp_at(message[2])
+        data = changed(terms, partial(_told_at, stamp_ns))
+        place = found.messages.index(message)
+        found.messages.insert(place, ["/fuzzy_pid/state", message[1], data, *message[3:]])
+    number(found.messages)
+
+
+def _told_at(stamp_ns: int, terms: Any) -> None:
+    terms.header.stamp.sec, terms.header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+    terms.position = np.append(0.123, terms.position[1:])
+
+
+def a_strangers_disturbance(found: Content) -> None:
+    for message in found.of(DISTURBANCE):
+        data = in_frame(changed(message[2], _of_seven), "")
+        found.messages.insert(found.messages.index(message), [*message[:2], data, *message[3:]])
+    number(found.messages)
+
+
+def _of_seven(disturbance: Any) -> None:
+    disturbance.effort = np.full(2, 7.0)
+
+
+def inactive_at_the_end(found: Content) -> None:
+    """An event says that the controller was made inactive, which it was meant to be."""
+    last = found.messages[-1][1]
+    stamp_ns = stamp_at(found.of(TRUTH)[-1][2])
+    data = event(stamp_ns, "/pid", Event.DEACTIVATED, {}, source=source_of("pid"))
+    found.messages.append([EVENTS, last, data, last, 0])
+    number(found.messages)
+
+
+KNOWN = [
+    ("offline", fall_at_no_state),
+    ("real_time", fall_at_no_state),
+    ("real_time", a_fall_of_another_process),
+    ("linked", links_of_another_process),
+    ("offline", an_external_controller),
+    ("real_time", an_external_controller),
+    ("real_time", ghost("simulator", "max_effort", 1.0)),
+    ("real_time", ghost("fuzzy_pid", "gains.p_max", 999.0)),
+    ("real_time", ghost("fuzzy_pid", "gains.p_max", 999.0, configured=True)),
+    ("real_time", ghost("disturbance", "pulse.magnitude", 500.0)),
+    ("late", ghost("simulator", "update_rate", 1.0)),
+    ("offline", terms_of_another),
+    ("real_time", a_strangers_disturbance),
+]
+
+
+@pytest.mark.xfail(strict=True)
+@pytest.mark.parametrize(("name", "forge"), KNOWN)
+def test_a_forged_run_is_refused_or_shows_what_its_plan_gives(name, forge, base, tmp_path):
+    found = base(name)
+    forge(found)
+    write_file(found, tmp_path / "run.mcap", ANEW)
+    assert not differences(tmp_path / "run.mcap")
+
+
+@pytest.mark.xfail(strict=True)
+def test_an_event_does_not_hide_that_nobody_held_the_trunk(base, tmp_path):
+    found = base("silent")
+    inactive_at_the_end(found)
+    write_file(found, tmp_path / "run.mcap", ANEW)
+    run = RecordedRun(Recording.open(tmp_path / "run.mcap", whole=True))
+    assert verdict_on(run).exit_code != VERIFIED
+
+
+@pytest.mark.xfail(strict=True)
+def test_what_acted_is_shown_of_a_controller_that_was_started_again(base, tmp_path):
+    """It was started with other values before, and ended before the run."""
+    found = base("real_time")
+    acted = RecordedRun(write(found, tmp_path / "before.mcap", ANEW)).parameters["fuzzy_pid"]
+    ghost("fuzzy_pid", "gains.p_max", 999.0, configured=True)(found)
+    run = RecordedRun(write(found, tmp_path / "run.mcap", ANEW))
+    assert verdict_on(run).exit_code == VERIFIED
+    assert run.parameters["fuzzy_pid"] == acted
+
+
+# Every edit of a recording. What is still shown otherwise is listed.
+OPEN = re.compile(
+    r"parameter another type: .*|parameters' message: .*, set, stamp .*"
+    r"|event's content: /simulator configured, a frame_id|event added: simulator connected .*"
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "share"), [("offline", 0.01), ("real_time", 0.005)])
+def test_an_edited_run_is_refused_or_shows_what_its_plan_gives(name, share, base, tmp_path):
+    found, chosen = base(name), sample(share)
+    verified, wrong = 0, {}
+    for edit in filter(chosen, edits_of(found)):
+        edited = found.copy()
+        if edit.apply(edited) is False or edited == found:
+            continue
+        write_file(edited, tmp_path / "run.mcap", ANEW)
+        if OPEN.fullmatch(f"{edit.kind}: {edit.name}"):
+            continue
+        others = differences(tmp_path / "run.mcap")
+        verified += others is not None
+        if others:
+            wrong[f"{edit.kind}: {edit.name}"] = others[:5]
+    assert verified > 20
+    assert wrong == {}
