@@ -106,8 +106,8 @@ def test_times_count_from_the_start_of_the_run():
     assert metrics(replace(short, t=short.t + 5.0)).steady_state_error_rms_deg is None
 
 
-def test_extreme_angles_are_reported_and_not_judged():
-    told = {name for name, quantity in QUANTITIES.items() if not quantity.judged}
+def test_extreme_angles_are_reported_and_not_ranked():
+    told = {name for name, quantity in QUANTITIES.items() if not quantity.ranked}
     assert told == {"theta_min_deg", "theta_max_deg"}
 
 

@@ -69,7 +69,7 @@ def test_rows_hold_the_metrics_of_each_run(runs, found):
         assert row.values == tuple(run[row.key] for run in expected)
     best = {row.key: row.best for row in found.rows}
     assert best["iae"] == (0,)  # 0.42 against 0.57
-    assert best["theta_max_deg"] == ()  # an angle's range is not judged
+    assert best["theta_max_deg"] == ()  # an angle's range is not ranked
 
 
 def test_parameters_that_differ(short_run, found):

@@ -231,11 +231,11 @@ def test_a_tie_counts_half_for_each(a, b, smaller):
     assert difference_of("iae", "b", "a", second, first).smaller == 1.0 - smaller
 
 
-def test_a_metric_that_is_not_judged_has_no_winner():
+def test_a_metric_that_is_not_ranked_has_no_winner():
     a, b = np.linspace(-40.0, -30.0, 20), np.linspace(-20.0, -15.0, 20)
     assert difference_of("iae", "a", "b", a, b).verdict == "a smaller"
     angle = difference_of("theta_min_deg", "a", "b", a, b)
-    assert (angle.verdict, angle.smaller_one) == ("not judged", "")
+    assert (angle.verdict, angle.smaller_one) == ("not ranked", "")
     assert angle.mean < 0.0
 
 

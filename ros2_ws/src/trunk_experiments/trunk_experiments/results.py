@@ -39,7 +39,7 @@ class Quantity(NamedTuple):
     label: str
     unit: str
     meaning: str = ""
-    judged: bool = True
+    ranked: bool = True
 
     @property
     def terminal_unit(self) -> str:

@@ -218,10 +218,10 @@ class Metrics:
     ]
     peak_torque: Annotated[float, Quantity("peak torque", "N·m", "the largest |τ|")]
     theta_min_deg: Annotated[
-        float, Quantity("smallest angle", "°", "the smallest angle", judged=False)
+        float, Quantity("smallest angle", "°", "the smallest angle", ranked=False)
     ]
     theta_max_deg: Annotated[
-        float, Quantity("largest angle", "°", "the largest angle", judged=False)
+        float, Quantity("largest angle", "°", "the largest angle", ranked=False)
     ]
 
     def as_dict(self) -> dict[str, float | None]:
@@ -241,7 +241,7 @@ class Metrics:
 
 
 QUANTITIES: Mapping[str, Quantity] = quantities(Metrics)
-JUDGED = tuple(name for name, text in QUANTITIES.items() if text.judged)
+RANKED = tuple(name for name, text in QUANTITIES.items() if text.ranked)
 
 
 def _is_level(since: float, begin: float, end: float) -> bool:

@@ -227,11 +227,11 @@ def _quiet(generation: int, least: float) -> None:
 
 def _check(verb: str, metric: str, generations: int, population: int | None, seed: int) -> None:
     """Raise PlanError for what a search does not take."""
-    from ..analysis.metrics import JUDGED
+    from ..analysis.metrics import RANKED
 
-    if metric not in JUDGED:
-        hint = did_you_mean(str(metric), JUDGED)
-        raise PlanError(f"{verb}: metric {metric!r}: one of {', '.join(JUDGED)}{hint}")
+    if metric not in RANKED:
+        hint = did_you_mean(str(metric), RANKED)
+        raise PlanError(f"{verb}: metric {metric!r}: one of {', '.join(RANKED)}{hint}")
     _check_whole(verb, "generations", generations, 1, 100_000)
     if population is not None:
         _check_whole(verb, "population", population, 2, 1000)

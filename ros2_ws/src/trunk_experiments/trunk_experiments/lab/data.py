@@ -78,7 +78,7 @@ def lab_of(
         "chunk": CHUNK,
         "metrics": list(QUANTITIES),
         "quantities": {
-            key: [text.label, text.unit, text.judged, text.meaning]
+            key: [text.label, text.unit, text.ranked, text.meaning]
             for key, text in QUANTITIES.items()
         },
         "channels": [

@@ -139,7 +139,7 @@ class Bins(NamedTuple):
 
 @dataclass(frozen=True)
 class MetricDistribution:
-    """Magnitudes of a metric (`Results.judged`) over the runs in which the controller stood."""
+    """Magnitudes of a metric (`Results.ranked`) over the runs in which the controller stood."""
 
     metric: str
     controller: str
@@ -198,8 +198,8 @@ def distributions(
     stood = {name: runs.only(runs.fallen == 0.0) for name, runs in every.items()}
     by_metric: dict[str, list[MetricDistribution]] = {}
     for metric in metrics:
-        judged = {name: runs.judged(metric) for name, runs in stood.items()}
-        values = {name: column[~np.isnan(column)] for name, column in judged.items()}
+        ranked = {name: runs.ranked(metric) for name, runs in stood.items()}
+        values = {name: column[~np.isnan(column)] for name, column in ranked.items()}
         edges = _edges(np.concatenate(list(values.values())))
         by_metric[metric] = []
         for name, own in values.items():
@@ -313,23 +313,23 @@ class PairedDifference:
         return Estimate(self.mean, self.low, self.high)
 
     @property
-    def judged(self) -> bool:
+    def ranked(self) -> bool:
         """False for a metric of which a smaller value is not a better one, such as the smallest angle."""
-        return self.metric not in QUANTITIES or QUANTITIES[self.metric].judged
+        return self.metric not in QUANTITIES or QUANTITIES[self.metric].ranked
 
     @property
     def verdict(self) -> Annotated[str, ALSO]:
-        """Return in words what the interval shows; of a metric that is not judged, nothing."""
-        if not self.judged:
-            return "not judged"
+        """Return in words what the interval shows; of a metric that is not ranked, nothing."""
+        if not self.ranked:
+            return "not ranked"
         if not self.low <= self.high:
             return "too few pairs"
         return f"{self.smaller_one} smaller" if self.smaller_one else "no difference shown"
 
     @property
     def smaller_one(self) -> str:
-        """The controller whose value the interval shows to be smaller; empty: none, or not judged."""
-        if not self.judged or not self.low <= self.high or self.low <= 0.0 <= self.high:
+        """The controller whose value the interval shows to be smaller; empty: none, or not ranked."""
+        if not self.ranked or not self.low <= self.high or self.low <= 0.0 <= self.high:
             return ""
         return self.first if self.high < 0.0 else self.second
 
@@ -367,7 +367,7 @@ def _sorted(results: Results) -> dict[str, Floats]:
     """Return one controller's columns in the order of grid points and draws; NaN where it fell."""
     order = np.lexsort((results.column("draw"), results.column("point")))
     fallen = results.fallen[order]
-    columns = {name: results.judged(name)[order] for name in METRICS}
+    columns = {name: results.ranked(name)[order] for name in METRICS}
     return {
         PAIR: np.stack([results.column("point")[order], results.column("draw")[order]]),
         FELL: fallen,

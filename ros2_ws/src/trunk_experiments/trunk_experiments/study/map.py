@@ -117,7 +117,7 @@ def _panel(
     if len(axes) > 1:
         y, j = np.unique(results.column(axes[1]), return_inverse=True)
     fallen = results.fallen
-    upright = np.where(fallen == 0.0, results.judged(metric), np.nan)
+    upright = np.where(fallen == 0.0, results.ranked(metric), np.nan)
     rms = np.where(fallen == 0.0, results.column("steady_state_error_rms_deg"), np.inf)
 
     def mean(values: Floats) -> Floats:
@@ -328,7 +328,7 @@ def scatter(results: Results, metric: str) -> Figure:
                 runs = results.of(controller)
                 stood = runs.only(runs.fallen == 0.0)
                 x = axis_of(results.study, name)[1] * stood.column(name)[:_MOST]
-                y = stood.judged(metric)[:_MOST]
+                y = stood.ranked(metric)[:_MOST]
                 color = COLORS[k % len(COLORS)]
                 panel.plot(x, y, ".", color=color, markersize=3, alpha=0.6, label=controller)
             panel.set_xlabel(axis_of(results.study, name)[0])

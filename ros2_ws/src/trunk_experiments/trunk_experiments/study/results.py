@@ -18,7 +18,7 @@ from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.recording.joint_table import Floats, Integers
 from trunk_sim.simulation import DivergedError
 
-from ..analysis.metrics import JUDGED, Metrics
+from ..analysis.metrics import RANKED, Metrics
 from ..analysis.run_table import table_and_metrics
 from ..errors import StudyError
 from ..plans.plan import RunPlan
@@ -120,13 +120,13 @@ class Results:
             raise StudyError(f"{self.path}: column {name!r} holds no numbers") from None
         return np.asarray(values, dtype=np.float64)
 
-    def judged(self, metric: str) -> Floats:
+    def ranked(self, metric: str) -> Floats:
         """Return a column of numbers, as magnitudes where a smaller magnitude is better.
 
         The smallest and the largest angle keep their signs. Raises StudyError for another name.
         """
         values = self.column(metric)
-        return np.abs(values) if metric in JUDGED else values
+        return np.abs(values) if metric in RANKED else values
 
     @property
     def fallen(self) -> Floats:

@@ -166,7 +166,7 @@ def _of_one(
     fell = results.fallen == 1.0
     columns, lacking = [], []
     for metric in metrics:
-        values = fell * 1.0 if metric == FELL else results.judged(metric)
+        values = fell * 1.0 if metric == FELL else results.ranked(metric)
         lacks = np.zeros(len(fell), bool) if metric == FELL else fell | np.isnan(values)
         worst = max(values[~lacks], key=abs, default=0.0)
         columns.append(np.where(lacks, worst, values))

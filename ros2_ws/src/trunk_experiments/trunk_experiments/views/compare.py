@@ -82,8 +82,8 @@ def metric_rows(
     rows = []
     for key in metrics[0]:
         values = tuple(run[key] for run in metrics)
-        judged = key in QUANTITIES and QUANTITIES[key].judged
-        rows.append(Row(key, values, best_of(values, sound) if judged else ()))
+        ranked = key in QUANTITIES and QUANTITIES[key].ranked
+        rows.append(Row(key, values, best_of(values, sound) if ranked else ()))
     return tuple(rows)
 
 

@@ -39,7 +39,7 @@ _INDENT = "  "  # before a controller, below its metric
 _FALLS = ("controller", "fell", "share", "95 %", "not run")
 _STOOD = ("where it did not fall", "runs", "mean [95 %]", "median [95 %]")
 _PAIRS = ("first - second", "left out", "mean [95 %]", "smaller")
-_UNSHOWN = {"too few pairs": "too few", "not judged": "not judged"}
+_UNSHOWN = {"too few pairs": "too few", "not ranked": "not ranked"}
 _BINS = ("where it did not fall", "from", "runs", "to")
 
 

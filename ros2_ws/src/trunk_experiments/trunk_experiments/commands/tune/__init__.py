@@ -12,7 +12,7 @@ import click
 
 from trunk_msgs_util.units import seconds
 
-from ...analysis.metrics import JUDGED
+from ...analysis.metrics import RANKED
 from ...console.document import json_option
 from ...console.options import FiniteRange, Function, WholeRange, exclude, jobs_option
 from ...console.outputs import check_output, output_options
@@ -146,7 +146,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
 @_options
 @click.option("--controller", type=ControllerName(), default="pid", show_default=True)
 @click.option("--scenario", "scenarios", multiple=True, default=("fig6", "fig7"), show_default=True)
-@click.option("--metric", type=click.Choice(JUDGED), default="itae", show_default=True)
+@click.option("--metric", type=click.Choice(RANKED), default="itae", show_default=True)
 @click.option("--generations", type=WholeRange(1, 100_000), default=20, show_default=True)
 @click.option(
     "--population",
