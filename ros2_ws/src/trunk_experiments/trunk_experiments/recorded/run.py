@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ..plans.plan import RunPlan
     from ..plans.pushes import Operated
     from ..plans.timeline import Change, Timeline
+    from .evidence import Evidence
     from .processes import Process
 
 
@@ -273,6 +274,13 @@ class RecordedRun:
                 if config.uses_rate:
                     needed |= {("velocity", joint) for joint in joints}
         return sorted(needed)
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """Which messages count. Raises RecordingError and ParameterError where that cannot be told."""
+        from .evidence import Evidence, RobotEvidence
+
+        return (RobotEvidence if self.another_robot else Evidence)(self)
 
     @cached_property
     def operated(self) -> Operated:

@@ -36,12 +36,11 @@ from trunk_sim.simulation import DivergedError
 from trunk_sim.step import Measurement
 
 from ..plans.plan import RunPlan
-from ..recorded.inputs import RecordedInputs, most_steps
-from ..recorded.processes import Process, UnorderedError, simulator_of
+from ..recorded.processes import Process, UnorderedError
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, RecordSource
 from ..runs.loop import reading_of
-from ..runs.schedule import Schedule, Wire
+from ..runs.schedule import Schedule
 from ..runs.states import (
     ACTIVE,
     APPLIED,
@@ -72,7 +71,6 @@ PLANT, SENSORS = "states of the plant", "measured states"
 UNATTRIBUTED = "commands without one active controller"
 
 _MOST_PROCESSES = 50  # a double holds a bit for each that acts
-_MOST_GAPS = 1000
 
 
 class _Window(NamedTuple):
@@ -84,146 +82,6 @@ class _Window(NamedTuple):
     commands: Integers  # [n], row of the recorded command, -1: none
     # Of each controller: whether there are terms [n], and which [n, K].
     terms: Sequence[tuple[Bools, Floats]]
-
-
-class RecordedStates:
-    """The states of one run of the plant: on the grid, ascending, without an impossible gap.
-
-    ``stamps`` [N]: ns. ``index`` [N]: steps of the plant. ``spans``: rows [begin, end) without a gap.
-    ``cut_ns``: stamp of the first state that cannot be placed, if there is one.
-    """
-
-    def __init__(self, run: RecordedRun, simulator: Process) -> None:
-        self.truth, self.measured = (
-            run.table(topic) for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES)
-        )
-        # Of the states in their table; None: all of them. Large arrays are not made twice.
-        self._rows = None if simulator.sent_all(self.truth) else simulator.rows(self.truth)
-        self._measured = (
-            None if simulator.sent_all(self.measured) else simulator.rows(self.measured)
-        )
-        self._fell = [e.stamp_ns for e in simulator.events if e.message == Event.FELL]
-        self._delay_steps: int = simulator.config.delay_steps
-        self._period_ns = period_ns = simulator.config.period_ns
-        stamps = simulator.stamps(self.truth)
-        odd = (stamps < 0) | (stamps % period_ns != 0)
-        odd[1:] |= np.diff(stamps) <= 0
-        index = stamps // period_ns
-        odd |= index > most_steps(len(stamps))
-        gaps = np.flatnonzero(np.diff(index) != 1)
-        odd[gaps[_MOST_GAPS:] + 1] = True
-        end = int(np.argmax(odd)) if odd.any() else len(stamps)
-        self.cut_ns: int | None = int(stamps[end]) if odd.any() else None
-        self.stamps, self.index = stamps[:end], index[:end]
-        begins = np.flatnonzero(np.diff(self.index, prepend=-2) != 1).tolist()
-        self.spans = list(zip(begins, [*begins[1:], end][: len(begins)], strict=True))
-
-    def row_at(self, stamp_ns: int) -> int | None:
-        """Return the row of the state with a stamp; None if it is not on record."""
-        row = int(np.searchsorted(self.stamps, stamp_ns))
-        return row if row < len(self.stamps) and self.stamps[row] == stamp_ns else None
-
-    def index_of(self, stamp_ns: int) -> int:
-        """Return the index of the state with a stamp, on record or not."""
-        return stamp_ns // int(self._period_ns)
-
-    def true(self, first: int, stop: int) -> Floats:
-        """Return true positions, velocities and efforts of the rows [first, stop): [n, 6]."""
-        rows = np.arange(first, stop) if self._rows is None else self._rows[first:stop]
-        return six(self.truth, rows)
-
-    def measurements(self, stamps: Integers) -> Floats:
-        """Return measured positions, velocities and efforts at these stamps [n, 6]; NaN without a record."""
-        return six(self.measured, self.measured.rows_of(stamps, self._measured))
-
-    def plant_state(self, row: int) -> tuple[PlantState, float, bool]:
-        """Return a state, the effort [N m] that led to it, and True if the trunk fell before it."""
-        values = self.true(row, row + 1)[0].tolist()
-        fallen = any(fell_ns < self.stamps[row] for fell_ns in self._fell)
-        return PlantState(*values[:4]), values[5], fallen
-
-    def falls(self, stamps: Integers) -> Floats:
-        """Return 1.0 at the stamps of recorded falls, else 0.0 [n]."""
-        return np.isin(stamps, self._fell).astype(float)
-
-    def follows(
-        self, rows: Integers, begin: int, inputs: RecordedInputs, wire: Wire | None
-    ) -> Bools:
-        """Return for which states of the span from row ``begin`` all that leads to them is on record."""
-        before = rows - 1
-        first = rows == begin
-        before[first] = rows[first]
-        known = inputs.disturbance_known[before]
-        if wire is None:
-            known = known & inputs.command_known[before]
-        else:
-            command = wire.used[self.index[before]]
-            used = self._row_of(command, begin)
-            there = (used >= begin) & inputs.command_known[np.maximum(used, 0)]
-            known = known & (there | (command < 0))
-        known[first] = self.index[rows[first]] == 0
-        return known
-
-    def seen(self, rows: Integers, begin: int, inputs: RecordedInputs, wire: Wire | None) -> Bools:
-        """Return for which states of the span all that their measurement is made of is on record."""
-        source = rows if wire is None else self._row_of(wire.seen[self.index[rows]], begin)
-        inside = source >= begin
-        if self.index[begin] > 0:
-            inside &= source - self._delay_steps >= begin
-        known: Bools = inside & inputs.disturbance_known[np.maximum(source, 0)]
-        return known
-
-    def _row_of(self, index: Integers, begin: int) -> Integers:
-        """Return the rows of states of the span, by their indices."""
-        return index - int(self.index[begin]) + begin
-
-
-class RobotStates(RecordedStates):
-    """The states that another robot published, in the order of their stamps: its plant is not computed."""
-
-    def __init__(self, run: RecordedRun, controllers: Sequence[ControllerConfig]) -> None:
-        """Take the states as the controllers read them. Raises RecordingError without one of their joints."""
-        self.measured = run.table(topics.JOINT_STATES)
-        self.stamps = np.unique(self.measured.stamp_ns)
-        self.index = np.arange(len(self.stamps))
-        self.spans, self.cut_ns, self._fell = [(0, len(self.stamps))], None, []
-        trunk = controllers[0].joint
-        hip = next((config.hip for config in controllers if config.hip is not None), None)
-        self.joints = "hip" if hip is None else hip, trunk
-        self._places = {1: self.measured.index(trunk)}
-        if hip is not None:
-            self._places[0] = self.measured.index(hip)
-
-    def index_of(self, stamp_ns: int) -> int:
-        """Return how many states come before a stamp."""
-        return int(np.searchsorted(self.stamps, stamp_ns))
-
-    def true(self, first: int, stop: int) -> Floats:
-        """Return zeros [n, 6]: what is not known, and leads to nothing."""
-        return np.zeros((stop - first, 6))
-
-    def measurements(self, stamps: Integers) -> Floats:
-        """Return hip and trunk as controllers read them [n, 6]: 0 where a node goes on without a value."""
-        rows = self.measured.rows_of(stamps)
-        values = np.zeros((len(stamps), 6))
-        for i, quantity in enumerate(QUANTITIES):
-            for joint, place in self._places.items() if self.measured.width(quantity) else ():
-                values[:, 2 * i + joint] = self.measured.values(quantity)[rows, place]
-        values[~np.isfinite(values)] = 0.0
-        values[rows < 0] = np.nan
-        return values
-
-
-def six(table: JointTable, rows: Integers) -> Floats:
-    """Return positions, velocities and efforts of two joints [n, 6] in these rows, NaN in row -1."""
-    values = np.full((len(rows), 6), np.nan)
-    there = rows >= 0
-    if not there.any():
-        return values
-    at = rows if there.all() else rows[there]
-    for i, quantity in enumerate(QUANTITIES):
-        values[there, 2 * i : 2 * i + 2] = table.values(quantity, 2)[at]
-    return values
 
 
 class Answers:
@@ -417,16 +275,9 @@ class Rerun:
         self.run = run
         laws = () if run.another_controller else run.judgeable
         processes = [p for name in laws for p in run.processes(name) if p.parameters]
-        self._states: RecordedStates
-        if run.another_robot:
-            self._states = states = RobotStates(run, [process.config for process in processes])
-            self.simulator = Process("simulator", "", str(run.path), {"joints": states.joints})
-            period_ns = 0
-        else:
-            self.simulator = simulator_of(run)
-            self._states = RecordedStates(run, self.simulator)
-            period_ns = self.simulator.config.period_ns
-        self.inputs = RecordedInputs(run, self.stamps)
+        self.evidence = run.evidence
+        self.simulator, self.inputs = self.evidence.simulator, self.evidence.inputs
+        period_ns = 0 if run.another_robot else self.simulator.config.period_ns
         self.plant, self.sensors = Check(PLANT), Check(SENSORS)
         self.unattributed = Check(UNATTRIBUTED)
         self.answers, self._refused = answers_of(run, processes, period_ns)
@@ -448,12 +299,12 @@ class Rerun:
     @property
     def stamps(self) -> Integers:
         """The stamps of the states, ns [N]."""
-        return self._states.stamps
+        return self.evidence.stamps
 
     @property
     def cut_ns(self) -> int | None:
         """The stamp of the first state that cannot be placed."""
-        return self._states.cut_ns
+        return self.evidence.cut_ns
 
     @property
     def checks(self) -> list[Check]:
@@ -467,7 +318,7 @@ class Rerun:
     @cached_property
     def _plan(self) -> RunPlan:
         config: SimulatorConfig = self.simulator.config
-        last = int(self._states.index[-1]) if len(self.stamps) else 0
+        last = int(self.evidence.index[-1]) if len(self.stamps) else 0
         return RunPlan(
             scenario=self.run.recording.provenance.get("scenario", ""),
             simulator=replace(config, duration=seconds(last * config.period_ns)),
@@ -483,7 +334,7 @@ class Rerun:
 
     def compare(self, until_ns: int | None = None) -> None:
         """Run, and compare, up to a stamp, or to the end."""
-        for begin, end in self._states.spans:
+        for begin, end in self.evidence.spans:
             stop = end
             if until_ns is not None:
                 stop = begin + int(np.searchsorted(self.stamps[begin:end], until_ns, "right"))
@@ -494,12 +345,12 @@ class Rerun:
 
     def _compare_span(self, begin: int, end: int) -> None:
         self._span = begin, end
-        index = int(self._states.index[begin])
+        index = int(self.evidence.index[begin])
         if begin or index:
             self._jump(begin, index)
             for answers in self.answers.values():
                 answers.lose()
-        stop = int(self._states.index[end - 1]) + 1
+        stop = int(self.evidence.index[end - 1]) + 1
         while True:
             try:
                 for states in self.engine.states(stop):
@@ -513,22 +364,24 @@ class Rerun:
                 self._jump(row, self.engine.index)
 
     def _note_divergence(self, row: int) -> None:
-        angle = float(self._states.true(row, row + 1)[0, 1])
+        angle = float(self.evidence.true(row, row + 1)[0, 1])
         stamp_ns = int(self.stamps[row])
         self.plant.note(Difference(stamp_ns, topics.GROUND_TRUTH, DIVERGED, angle, nan))
 
     def _jump(self, row: int, index: int) -> None:
-        self.engine.jump(index, *self._states.plant_state(row))
+        values = self.evidence.true(row, row + 1)[0].tolist()
+        state = PlantState(*values[:4])
+        self.engine.jump(index, state, values[5], self.evidence.fell_before(row))
 
     def run_to(self, label: str, stamp_ns: int) -> bool:
         """Run up to the state before a stamp; return True if the controller's memory is then known."""
         self.compare(stamp_ns - 1)
-        index = self._states.index_of(stamp_ns)
+        index = self.evidence.index_of(stamp_ns)
         if self.engine.index != index:  # states before it are missing
-            row = self._states.row_at(stamp_ns)
+            row = self.evidence.row_at(stamp_ns)
             if row is None:
                 return False
-            self._span = next(span for span in self._states.spans if span[0] <= row < span[1])
+            self._span = next(span for span in self.evidence.spans if span[0] <= row < span[1])
             self._jump(row, index)
             self.answers[label].lose()
         self.engine.take_effect()
@@ -536,7 +389,7 @@ class Rerun:
 
     def reading(self, label: str, stamp_ns: int) -> Reading | None:
         """Return a measured state as a controller reads it; None if it is not on record."""
-        values = self._states.measurements(np.array([stamp_ns]))[0]
+        values = self.evidence.measurements(np.array([stamp_ns]))[0]
         if np.isnan(values[0]):
             return None
         answers = self.answers[label]
@@ -548,7 +401,7 @@ class Rerun:
 
     def acting_at(self, stamp_ns: int) -> Disturbance:
         """Return the disturbance in force in a state; none in a state that is not on record."""
-        row = self._states.row_at(stamp_ns)
+        row = self.evidence.row_at(stamp_ns)
         if row is None:
             return Disturbance()
         return Disturbance(*self.inputs.over(slice(row, row + 1)).disturbance[0].tolist())
@@ -557,11 +410,11 @@ class Rerun:
 
     def _given(self, first: int, stop: int) -> Schedule:
         """Return the record of the states with indices in [first, stop), which are all there."""
-        begin = self._span[0] + first - int(self._states.index[self._span[0]])
+        begin = self._span[0] + first - int(self.evidence.index[self._span[0]])
         rows = slice(begin, begin + stop - first)
         stamps = self.stamps[rows]
-        truth = self._states.true(begin, begin + stop - first)
-        measured = self._states.measurements(stamps)
+        truth = self.evidence.true(begin, begin + stop - first)
+        measured = self.evidence.measurements(stamps)
         force = self.inputs.over(rows)
         terms = [answers.terms_at(stamps) for answers in self.answers.values()]
         commands = self._commands.rows_of(stamps)
@@ -583,7 +436,7 @@ class Rerun:
 
     def _seen(self, label: str, stamp_ns: int) -> float | None:
         """Return the angle that a controller saw at a stamp, rad."""
-        measured = self._states.measured
+        measured = self.evidence.measured
         if stamp_ns not in measured:
             return None
         config: ControllerConfig = self.answers[label].process.config
@@ -601,7 +454,7 @@ class Rerun:
             window.commands[:count],
             [(there[:count], values[:count]) for there, values in window.terms],
         )
-        begin = self._span[0] + states.first - int(self._states.index[self._span[0]])
+        begin = self._span[0] + states.first - int(self.evidence.index[self._span[0]])
         rows = np.arange(begin, begin + count)
         if not self.run.another_robot:
             self._take_plant(states, window, rows)
@@ -612,27 +465,60 @@ class Rerun:
             self.unreported += [(int(window.stamps[row]), name, on) for row, name, on in turned]
 
     def _take_plant(self, states: States, window: _Window, rows: Integers) -> None:
-        judged = self._states.follows(rows, self._span[0], self.inputs, self._wire)
+        judged = self._follows(rows)
         computed = _computed(states.table, POSITION, VELOCITY, APPLIED)
-        columns = self._columns(self._states.truth, window.truth, computed)
+        columns = self._columns(self.evidence.truth, window.truth, computed)
         if self._marked:
             falls = np.zeros(len(rows))
             falls[states.falls] = 1.0
-            recorded_falls = self._states.falls(window.stamps)
+            recorded_falls = self.evidence.falls(window.stamps)
             columns.append(
                 ComparedColumn(topics.RUN_EVENTS, str(Event.FELL), recorded_falls, falls)
             )
         self.plant.take(window.stamps, judged, columns)
 
     def _take_sensors(self, states: States, window: _Window, rows: Integers) -> None:
-        if not len(self._states.measured):
+        if not len(self.evidence.measured):
             self.sensors.unjudged += len(rows)
             return
-        seen = self._states.seen(rows, self._span[0], self.inputs, self._wire)
+        seen = self._sensed(rows)
         judged = ~np.isnan(window.measured[:, 0]) & seen
         computed = _computed(states.table, SEEN_POSITION, SEEN_VELOCITY, SEEN_APPLIED)
-        columns = self._columns(self._states.measured, window.measured, computed)
+        columns = self._columns(self.evidence.measured, window.measured, computed)
         self.sensors.take(window.stamps, judged, columns)
+
+    def _follows(self, rows: Integers) -> Bools:
+        """Return for which states of the span all that leads to them is on record."""
+        begin, inputs, wire = self._span[0], self.inputs, self._wire
+        before = rows - 1
+        first = rows == begin
+        before[first] = rows[first]
+        known = inputs.disturbance_known[before]
+        if wire is None:
+            known = known & inputs.command_known[before]
+        else:
+            command = wire.used[self.evidence.index[before]]
+            used = self._rows_at(command)
+            there = (used >= begin) & inputs.command_known[np.maximum(used, 0)]
+            known = known & (there | (command < 0))
+        known[first] = self.evidence.index[rows[first]] == 0
+        return known
+
+    def _sensed(self, rows: Integers) -> Bools:
+        """Return for which states of the span all that their measurement is made of is on record."""
+        begin, inputs, wire = self._span[0], self.inputs, self._wire
+        source = rows if wire is None else self._rows_at(wire.seen[self.evidence.index[rows]])
+        inside = source >= begin
+        delay_steps: int = self.simulator.config.delay_steps
+        if self.evidence.index[begin] > 0:
+            inside &= source - delay_steps >= begin
+        known: Bools = inside & inputs.disturbance_known[np.maximum(source, 0)]
+        return known
+
+    def _rows_at(self, index: Integers) -> Integers:
+        """Return the rows of states of the span, by their indices."""
+        begin = self._span[0]
+        return index - int(self.evidence.index[begin]) + begin
 
     def _columns(
         self, table: JointTable, recorded: Floats, computed: Floats
