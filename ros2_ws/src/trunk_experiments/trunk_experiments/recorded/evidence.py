@@ -71,11 +71,11 @@ class Evidence:
     def true(self, first: int, stop: int) -> Floats:
         """Return true positions, velocities and efforts of the rows [first, stop): [n, 6]."""
         rows = np.arange(first, stop) if self._rows is None else self._rows[first:stop]
-        return six(self.truth, rows)
+        return self._six(self.truth, rows)
 
     def measurements(self, stamps: Integers) -> Floats:
         """Return measured positions, velocities and efforts at these stamps [n, 6]; NaN without a record."""
-        return six(self.measured, self.measured.rows_of(stamps, self._measured))
+        return self._six(self.measured, self.measured.rows_of(stamps, self._measured))
 
     def fell_before(self, row: int) -> bool:
         """Return True if the trunk fell before a state."""
@@ -84,6 +84,19 @@ class Evidence:
     def falls(self, stamps: Integers) -> Floats:
         """Return 1.0 at the stamps of recorded falls, else 0.0 [n]."""
         return np.isin(stamps, self._fell).astype(float)
+
+    def _six(self, table: JointTable, rows: Integers) -> Floats:
+        """Return both joints' positions, velocities and efforts [n, 6] in these rows, NaN in row -1."""
+        values = np.full((len(rows), 6), np.nan)
+        there = rows >= 0
+        if not there.any():
+            return values
+        at = rows if there.all() else rows[there]
+        for i, quantity in enumerate(QUANTITIES):
+            recorded = table.values(quantity, 2)
+            for joint, name in enumerate(self.simulator.config.joints):
+                values[there, 2 * i + joint] = recorded[at, table.index(name)]
+        return values
 
 
 class RobotEvidence(Evidence):
@@ -124,15 +137,3 @@ class RobotEvidence(Evidence):
         values[~np.isfinite(values)] = 0.0
         values[rows < 0] = np.nan
         return values
-
-
-def six(table: JointTable, rows: Integers) -> Floats:
-    """Return positions, velocities and efforts of two joints [n, 6] in these rows, NaN in row -1."""
-    values = np.full((len(rows), 6), np.nan)
-    there = rows >= 0
-    if not there.any():
-        return values
-    at = rows if there.all() else rows[there]
-    for i, quantity in enumerate(QUANTITIES):
-        values[there, 2 * i : 2 * i + 2] = table.values(quantity, 2)[at]
-    return values

@@ -26,7 +26,7 @@ from trunk_sim.links import Traffic
 from ..errors import PlanError
 from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import check_rates
-from ..recorded.processes import Process, is_whole
+from ..recorded.processes import is_whole
 from ..recorded.turns import idle_ns
 
 if TYPE_CHECKING:
@@ -219,19 +219,6 @@ def _order(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
         counted = run.mode == "offline" or process.published is not None
         if counted and last not in run.table(topics.DISTURBANCE):
             yield f"{topics.DISTURBANCE}: none for the step after the last state"
-    for name in run.controllers:
-        for process in run.processes(name):
-            yield from without_commands(run, process) if is_whole(run, process) else ()
-
-
-def without_commands(run: RecordedRun, process: Process) -> Iterator[str]:
-    """Yield that a controller's process has terms on record whose commands are not."""
-    terms = run.table(topics.controller_state(process.node))
-    commands = process.stamps(run.table(topics.EFFORT_COMMAND))
-    alone = _beyond(process.stamps(terms), commands, 0)
-    if len(alone):
-        at = seconds(int(alone[0]))
-        yield f"{terms.topic}: {len(alone)} records without a command, the first at t = {at:g} s"
 
 
 def _beyond(stamps: Integers, known: Integers, ahead_ns: int) -> Integers:

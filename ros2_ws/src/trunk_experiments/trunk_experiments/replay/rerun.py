@@ -217,11 +217,15 @@ class Answers:
             recorded[blank] = own[blank] = 0.0
             columns.append(ComparedColumn(self.topic, f"position[{name}]", recorded, own))
         self.check.take(stamps[mine], judged[mine], [_rows_of(column, mine) for column in columns])
-        for row in np.flatnonzero(judged & there & ~fresh)[:1].tolist():
-            self.check.note(Difference(int(stamps[row]), self.topic, UNEXPECTED, 0.0, 0.0))
+        self.unexpected(stamps, judged & there & ~fresh)
         lacking = np.flatnonzero(judged & fresh & ~there)
         if len(lacking) and self.lacking is None:
             self.lacking = Difference(int(stamps[lacking[0]]), self.topic, MISSING, 0.0, 0.0)
+
+    def unexpected(self, stamps: Integers, odd: Bools) -> None:
+        """Note the first of the terms where none were to be sent."""
+        for row in np.flatnonzero(odd)[:1].tolist():
+            self.check.note(Difference(int(stamps[row]), self.topic, UNEXPECTED, 0.0, 0.0))
 
 
 def _rows_of(column: ComparedColumn, rows: Bools) -> ComparedColumn:
@@ -523,7 +527,7 @@ class Rerun:
     def _columns(
         self, table: JointTable, recorded: Floats, computed: Floats
     ) -> list[ComparedColumn]:
-        names = table.names or self.simulator.config.joints
+        names = self.simulator.config.joints
         return [
             ComparedColumn(
                 table.topic, f"{quantity}[{names[joint]}]", recorded[:, i], computed[:, i]
@@ -545,13 +549,16 @@ class Rerun:
             effort = ComparedColumn(commands.topic, name, efforts, table[:, EFFORT])
         for place, answers in enumerate(self.answers.values()):
             acts = (active >> place & 1) == 1
-            mine = active == 1 << place
+            mine, expected = active == 1 << place, acts
             if self._partial:
-                mine = answers.answered(window.stamps) & answers.is_own(window.commands)
+                expected = answers.answered(window.stamps)
+                mine = expected & answers.is_own(window.commands)
             known = answers.is_known(window.stamps, readable, mine)
             # Of two that answered one state, the table has the effort of one and the terms of the other.
             judged = known & (active == 1 << place)
-            answers.take(window.stamps, mine, given, judged, effort, window.terms[place], table)
+            terms = window.terms[place]
+            answers.take(window.stamps, mine, given, judged, effort, terms, table)
+            answers.unexpected(window.stamps, terms[0] & ~expected)
             if self._partial:
                 self._note_turns(window.stamps, mine & known & ~acts, active)
         if not self._partial and self.answers:

@@ -30,7 +30,7 @@ from ..recorded.turns import acts
 from .checks import describe
 from .doubts import silence
 from .in_force import check_disturbances, check_inputs
-from .invariants import contradictions, without_commands
+from .invariants import contradictions
 from .rerun import Rerun
 from .verdict import DIVERGES, ORIGIN, UNJUDGED, VERIFIED, Check, Verdict
 
@@ -180,8 +180,6 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
             check.excuse(line)
     for answers in rerun.answers.values():
         settle(run, answers.process, [answers.check])
-        if not is_whole(run, answers.process):
-            verdict.obstacles += without_commands(run, answers.process)
         if (lacking := answers.lacking) is None:
             continue
         # A file that was cut may end with a command whose terms were still to come, and a controller that was
