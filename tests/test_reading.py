@@ -247,7 +247,7 @@ def test_a_damaged_part_ends_the_run(tmp_path):
             "lists /etc/passwd, which is missing",
         ),
         (lambda bag: replace(bag, "bag_1.mcap", ".."), "lists .., which is missing"),
-        (lambda bag: [path.unlink() for path in bag.iterdir()], "a directory without"),
+        (lambda bag: [path.unlink() for path in bag.iterdir()], "it has no metadata.yaml and"),
     ],
 )
 def test_what_is_not_a_bag_gives_one_line(tmp_path, change, says):

@@ -1,4 +1,4 @@
-"""The MCAP files of a rosbag2 folder, in order; other kinds of recordings, and how to convert them."""
+"""The MCAP files of a rosbag2 folder, in order."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import RecordingError
-from ..text import shell_words
 from .limits import MAX_BAG_METADATA, MAX_NAME
 
 if TYPE_CHECKING:
@@ -15,18 +14,6 @@ if TYPE_CHECKING:
 METADATA = "metadata.yaml"
 _SPLIT = re.compile(r"_\d+$")  # of a bag's parts: name_0.mcap, name_1.mcap
 _LISTED = 8
-# How files begin that are no MCAP files, and what they are; whether one is a bag alone, without its folder.
-_OTHERS = (
-    (b"#ROSBAG V", "a bag of ROS 1", True),
-    (b"SQLite format 3\0", "a bag of ROS 2 in SQLite", False),
-)
-_PACKED = (
-    (b"\x28\xb5\x2f\xfd", "compressed by Zstandard", "zstd -dk", (".zstd", ".zst")),
-    (b"\x1f\x8b", "compressed by gzip", "gzip -dk", (".gz",)),
-    (b"\x04\x22\x4d\x18", "compressed by LZ4", "lz4 -dk", (".lz4",)),
-    (b"BZh", "compressed by bzip2", "bzip2 -dk", (".bz2",)),
-)
-LONGEST_HEAD = max(len(head) for head, *_ in (*_OTHERS, *_PACKED))
 
 
 class BagFolder(NamedTuple):
@@ -36,25 +23,12 @@ class BagFolder(NamedTuple):
     message_count: int | None
 
 
-def conversion(source: Path) -> str:
-    """Return the whole command that converts a bag to MCAP."""
-    target = source.with_name(f"{source.stem or 'bag'}_mcap")
-    words = ["rosbags-convert", "--src", str(source), "--dst", str(target), "--dst-storage", "mcap"]
-    return f"convert it: {shell_words(*words)}"
-
-
-def other_format(path: Path, head: bytes) -> str:
-    """Return the format of a file that begins so, and how to make MCAP of it; empty if that is not known."""
-    for begins, kind, alone in _OTHERS:
-        if head.startswith(begins):
-            return f"{kind}: {conversion(path if alone else path.absolute().parent)}"
-    for begins, kind, unpack, suffixes in _PACKED:
-        if head.startswith(begins):
-            named = path.suffix in suffixes  # these tools ask for the name's ending
-            source = str(path) if named else f"{path}{suffixes[0]}"
-            rename = "" if named else f"mv {shell_words(str(path), source)} && "
-            return f"{kind}: unpack it: {rename}{unpack} {shell_words(source)}"
-    return ""
+def not_mcap(path: Path, why: str) -> RecordingError:
+    """Return the error for what is not MCAP, with the command that makes MCAP of a bag."""
+    return RecordingError(
+        f"{path} is not an MCAP recording: {why}; "
+        "rosbags-convert --src BAG --dst NEW --dst-storage mcap makes one of another kind of bag"
+    )
 
 
 def bag_folder(folder: Path) -> BagFolder:
@@ -65,15 +39,7 @@ def bag_folder(folder: Path) -> BagFolder:
     if not (folder / METADATA).is_file():
         files = sorted(folder.glob("*.mcap"), key=_natural)
         if not files:
-            others = sorted(folder.glob("*.db3")) or sorted(folder.glob("*.bag"))
-            if others:
-                with others[0].open("rb") as file:
-                    kind = other_format(others[0], file.read(LONGEST_HEAD)) or "of no known format"
-                raise RecordingError(f"{folder} has no .mcap files; {others[0].name} is {kind}")
-            raise RecordingError(
-                f"{folder} is a directory without {METADATA} and .mcap files: "
-                "give a recording of a run"
-            )
+            raise not_mcap(folder, f"it has no {METADATA} and no .mcap files")
         if len(files) > 1 and len({_SPLIT.sub("", path.stem) for path in files}) > 1:
             names = ", ".join(path.name for path in files[:_LISTED])
             more = f" and {len(files) - _LISTED} more" if len(files) > _LISTED else ""
@@ -87,15 +53,11 @@ def bag_folder(folder: Path) -> BagFolder:
     # rosbag2 leaves it empty where it indexes a folder anew.
     if storage != "mcap" and not (storage == "" and any(folder.glob("*.mcap"))):
         shown = repr(storage) if isinstance(storage, str) and len(storage) < MAX_NAME else "?"
-        raise RecordingError(
-            f"{folder} has the storage {shown}, only 'mcap' is read: {conversion(folder)}"
-        )
+        raise not_mcap(folder, f"its storage is {shown}")
     mode = about.get("compression_mode") or "none"
     if not isinstance(mode, str) or mode.lower() not in ("none", "storage"):
         shown = mode.lower() if isinstance(mode, str) and len(mode) < MAX_NAME else "?"
-        raise RecordingError(
-            f"{folder} is compressed by {shown}, which MCAP readers do not know: {conversion(folder)}"
-        )
+        raise not_mcap(folder, f"it is compressed by {shown}, which MCAP readers do not know")
     listed = about.get("relative_file_paths")
     if not isinstance(listed, list) or not listed:
         raise RecordingError(f"{folder / METADATA} lists no files: repair it with ros2 bag reindex")

@@ -23,7 +23,7 @@ from mcap.records import Channel, Header, Metadata, Schema, Statistics
 
 from ..errors import RecordingError
 from ..units import NANOSECONDS, seconds
-from .bag_folder import LONGEST_HEAD, other_format
+from .bag_folder import not_mcap
 from .content import Content, chunk_head, chunk_records, record_offsets, split
 from .digests import DIGESTS, END, PROVENANCE
 from .limits import MAX_CHANNELS, MAX_CHUNK, MAX_METADATA, MAX_NAME, Budget, LimitError
@@ -564,14 +564,8 @@ def check_magic(path: Path, file: BinaryIO, size: int) -> None:
     """Read past the magic. Raises RecordingError if it is missing."""
     if size == 0:
         raise RecordingError(f"{path} is empty: nothing was recorded; record the run again")
-    head = file.read(len(MAGIC))
-    if head != MAGIC:
-        kind = other_format(path, head + file.read(LONGEST_HEAD - len(head)))
-        raise RecordingError(
-            f"{path} is {kind}"
-            if kind
-            else f"{path} is not an MCAP file: give a recording of a run"
-        )
+    if file.read(len(MAGIC)) != MAGIC:
+        raise not_mcap(path, "it begins otherwise, or is compressed as a whole")
 
 
 def numbered(record: Record) -> int | None:
