@@ -10,7 +10,7 @@ import zlib
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
@@ -24,8 +24,9 @@ from mcap.records import (
     Schema,
     Statistics,
 )
+from mcap.stream_reader import StreamReader
 
-from .content import Content, record_offsets
+from .content import Content
 from .limits import MAX_CHUNK, Budget
 from .mcap_file import (
     ERROR,
@@ -37,7 +38,6 @@ from .mcap_file import (
     McapFile,
     Record,
     content_of,
-    damaged,
     mark,
     miscounted,
     read_block,
@@ -90,35 +90,24 @@ def read_summary(file: BinaryIO, size: int) -> Summary | None:
     if not len(MAGIC) <= start <= at or at - start > MAX_CHUNK:
         raise ValueError(f"the footer says that the summary begins at byte {start}")
     file.seek(start)
-    data = file.read(at - start)
-    crc = zlib.crc32(tail[: _FOOTER - 4], zlib.crc32(data))
-    summary = Summary(start, footer, crc)
-    offsets, end = record_offsets(data)
-    if end != len(data):
-        raise ValueError("a record of the summary goes beyond it")
-    ends = [*offsets.tolist()[1:], end]
-    for offset, until in zip(offsets.tolist(), ends, strict=True):
-        record = Record(start + offset, data[offset], data[offset + HEAD.size : until], until)
-        try:
-            _take(summary, record)
-        except Exception as error:  # whatever mcap may raise on a damaged record
-            raise ValueError(f"in the summary, {damaged(record, error)}") from None
+    data = file.read(size - start)
+    summary = Summary(start, footer, zlib.crc32(data[: -len(MAGIC) - 4]))
+    kinds: dict[type, list[Any]] = {
+        Schema: summary.schemas,
+        Channel: summary.channels,
+        ChunkIndex: summary.chunks,
+        MetadataIndex: summary.metadata,
+        AttachmentIndex: summary.attachments,
+    }
+    try:
+        for record in StreamReader(BytesIO(data), True, True, record_size_limit=len(data)).records:
+            if isinstance(record, Statistics):
+                summary.statistics = record
+            else:
+                kinds.get(type(record), []).append(record)
+    except Exception as error:  # whatever mcap may raise on a damaged record
+        raise ValueError(f"the summary is damaged ({type(error).__name__}: {error})") from None
     return summary
-
-
-def _take(summary: Summary, record: Record) -> None:
-    if record.opcode == Opcode.SCHEMA:
-        summary.schemas.append(Schema.read(record.stream))
-    elif record.opcode == Opcode.CHANNEL:
-        summary.channels.append(Channel.read(record.stream))
-    elif record.opcode == Opcode.STATISTICS:
-        summary.statistics = Statistics.read(record.stream)
-    elif record.opcode == Opcode.CHUNK_INDEX:
-        summary.chunks.append(ChunkIndex.read(record.stream))
-    elif record.opcode == Opcode.METADATA_INDEX:
-        summary.metadata.append(MetadataIndex.read(record.stream))
-    elif record.opcode == Opcode.ATTACHMENT_INDEX:
-        summary.attachments.append(AttachmentIndex.read(record.stream))
 
 
 def message_indexes(file: BinaryIO, index: ChunkIndex) -> dict[int, tuple[Integers, Integers]]:
