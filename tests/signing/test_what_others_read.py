@@ -94,30 +94,25 @@ def miscounted(summary):
 
 
 SUMMARIES = {
-    "a chunk left out": (lambda s: s.chunks.pop(2), "the chunk is not in the index"),
+    "a chunk left out": (lambda s: s.chunks.pop(2), "chunks"),
     # The statistics go with the index, as where another tool has filtered the file.
     "a chunk left out, not counted": (
         (lambda s: (s.chunks.pop(2), setattr(s, "statistics", None))),
-        "the chunk is not in the index",
+        "chunks",
     ),
+    "a chunk twice": (lambda s: s.chunks.append(s.chunks[2]), "chunks"),
     "a topic renamed": (
         (lambda s: changed(s.channels, 0, topic="/renamed")),
         "was described differently before",
     ),
-    "a channel renumbered": (
-        (lambda s: changed(s.channels, 0, id=99)),
-        "the summary lacks channel",
-    ),
-    "no channel": (lambda s: s.channels.pop(0), "the summary lacks channel"),
-    "no schema": (lambda s: s.schemas.pop(0), "the summary lacks schema"),
-    "no metadata": (lambda s: s.metadata.pop(0), "the metadata record is not in the index"),
-    "another time": (
-        (lambda s: changed(s.chunks, 1, message_end_time=1)),
-        "the index gives the chunk another time span",
-    ),
-    "another index": (other_index, "there is no index of channel"),
-    "a topic left out": (lambda s: indexed(s).popitem(), "the message indexes after the chunk"),
-    "no message indexes": (lambda s: indexed(s).clear(), "no message indexes of the chunk"),
+    "a channel renumbered": (lambda s: changed(s.channels, 0, id=99), "channels"),
+    "no channel": (lambda s: s.channels.pop(0), "channels"),
+    "no schema": (lambda s: s.schemas.pop(0), "schemas"),
+    "no metadata": (lambda s: s.metadata.pop(0), "metadata records"),
+    "another time": (lambda s: changed(s.chunks, 1, message_end_time=1), "chunks"),
+    "another index": (other_index, "chunks"),
+    "a topic left out": (lambda s: indexed(s).popitem(), "chunks"),
+    "no message indexes": (lambda s: indexed(s).clear(), "chunks"),
     "other counts": (miscounted, "or they are on other channels"),
 }
 
@@ -125,6 +120,7 @@ SUMMARIES = {
 @pytest.mark.parametrize("name", SUMMARIES)
 def test_a_summary_that_disagrees_with_the_data_is_not_verified(chunked, run, trunk, name):
     edit, says = SUMMARIES[name]
+    says = says if " " in says.removeprefix("metadata ") else f"the summary's {says} are not those"
     reindexed(chunked, run, edit)
     codes, said, findings, why = judged(trunk, "run.mcap")
     assert codes[1:] == (1, 1), findings
@@ -143,6 +139,25 @@ def test_messages_outside_of_chunks_are_seen_by_no_index(chunked, run, trunk):
     assert (codes[1:], "1 messages outside of chunks are in no index" in findings) == ((1, 1), True)
     assert codes[0] == 1  # its digests show it, too
     assert "1 messages outside of chunks are in no index" in said
+
+
+def test_a_message_index_left_out_is_found(chunked, run, trunk):
+    data = bytearray(chunked.read_bytes())
+    at, end = next((at, end) for k, at, end in records_of(data) if k == Opcode.MESSAGE_INDEX)
+    data[at] = UNKNOWN[-1]
+    run.write_bytes(data)
+
+    def without(summary):
+        (index,) = (c for c in summary.chunks if at in c.message_index_offsets.values())
+        index.message_index_length -= end - at
+        index.message_index_offsets = {
+            number: place for number, place in index.message_index_offsets.items() if place != at
+        }
+
+    reindexed(run, run, without)
+    codes, said, findings, _ = judged(trunk, "run.mcap")
+    assert codes == (2, 1, 1)
+    assert all("the chunk lacks message indexes" in text for text in (said, findings))
 
 
 def second(path, at, tmp_path):

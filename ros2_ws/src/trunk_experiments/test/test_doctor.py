@@ -109,8 +109,8 @@ def test_a_gap_is_more_than_one_and_a_half_periods(tmp_path, periods, missing):
     [
         (6, 200, "its checksum is wrong"),
         (12, 60, "the checksum of the first"),
-        (7, 20, "the message indexes after the chunk are not those of its messages"),
-        (8, 25, "the index has a chunk here"),
+        (7, 20, "the message index is not that of the chunk's messages"),
+        (8, 25, "the summary's chunks are not those of the data"),
         (11, 20, "the checksum of summary and footer is wrong"),
         (2, 20, "the checksum of summary and footer is wrong"),
     ],

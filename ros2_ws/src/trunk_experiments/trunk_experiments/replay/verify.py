@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,11 +15,8 @@ from trunk_msgs_util.provenance import (
     packages_of_laws,
     unrepeatable,
 )
-from trunk_msgs_util.recording.digests import DIGESTS, END, PROVENANCE
 from trunk_msgs_util.recording.joint_table import Integers
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.schemas import describes
-from trunk_msgs_util.recording.topic import STAMPED
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, NODES, unknown_controllers
@@ -60,7 +56,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
     verdict = Verdict()
     said = [silence(run), recording.unfinished, *recording.further_warnings]
     verdict.obstacles += dict.fromkeys(filter(None, said))
-    verdict.obstacles += [*recording.seen_otherwise, *_ambiguous(recording)]
+    verdict.obstacles += recording.seen_otherwise
     verdict.altered = recording.alterations()
     verdict.notes += [run.branch.describe()] if run.branch else []
     verdict.notes += filter(None, [another_version(recording.provenance)])
@@ -93,19 +89,6 @@ def verdict_on(run: RecordedRun) -> Verdict:
         f"{kind} is the node {recording.topic(kind)}" for kind in sorted(recording.renamed)
     ]
     return verdict
-
-
-def _ambiguous(recording: Recording) -> Iterator[str]:
-    """Tell what other readers may see otherwise: records that come twice, fields by their schema."""
-    for file in recording.opened:
-        counts = Counter(name for name, _ in file.metadata_records)
-        for name in (PROVENANCE, END, DIGESTS):
-            if counts[name] > 1:
-                yield f"{counts[name]} records {name}: other readers may take any of them"
-        texts = [(s.name, s.data) for s in file.schemas.values() if s.encoding == "ros2msg"]
-        for name, text in dict.fromkeys(texts):
-            if text and name in STAMPED and not describes(text, name):
-                yield f"the schema of {name} has other fields than the type: other readers see others"
 
 
 def _unjudgeable(run: RecordedRun) -> str:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 import numpy as np
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Metadata, Schema, Statistics
+from mcap.records import Channel, ChunkIndex, Header, Metadata, Schema, Statistics
 
 from ..errors import RecordingError
 from ..units import NANOSECONDS, seconds
@@ -40,14 +40,10 @@ if TYPE_CHECKING:
 
 ERROR, WARNING, INFO = "error", "warning", "info"
 BLOCKS = (Opcode.CHUNK, Opcode.MESSAGE)
-# Records other than chunks that an index lists, with their names in messages.
-INDEXED = {Opcode.METADATA: "the metadata record", Opcode.ATTACHMENT: "the attachment"}
 
 _CRC = struct.Struct("<I")
 _RUN = 1 << 20  # bytes of messages outside chunks that are read at a time, at most
 _AHEAD = 1 << 12  # the same, at first: it doubles while nothing else comes
-# These may be longer than `MAX_CHUNK`; their content is not read here.
-_SKIPPED = (Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX)
 # What comes only after the end of the data; among them it is a damaged record.
 _AFTER_DATA = (
     Opcode.FOOTER,
@@ -113,7 +109,7 @@ class Record(NamedTuple):
 
     offset: int  # in the file; of the chunk, for a record inside one
     opcode: int
-    body: bytes  # empty for attachments, indexes and kinds that are not known
+    body: bytes  # empty for attachments and kinds that are not known
     end: int
 
     @property
@@ -157,12 +153,9 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
         if in_data and opcode in _AFTER_DATA:
             raise DamageError(f"a {name_of(opcode)} record among the data, at byte {offset}")
         in_data = in_data and opcode != Opcode.DATA_END
-        if opcode in _SKIPPED or not is_known(opcode):
-            first = file.read(min(length, _INDEX_HEAD.size))
-            if opcode == Opcode.MESSAGE_INDEX and not _is_index(first, length):
-                raise DamageError(f"the MESSAGE_INDEX record at byte {offset} is too short")
+        if opcode == Opcode.ATTACHMENT or not is_known(opcode):
             yield Record(offset, opcode, b"", end)
-            crc = _skip(file, length - len(first), zlib.crc32(first, zlib.crc32(head, crc)))
+            crc = _skip(file, length, zlib.crc32(head, crc))
         else:
             if length > MAX_CHUNK:
                 raise DamageError(
@@ -191,13 +184,6 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
             return
         offset = end
     raise DamageError(f"ends at byte {size}, without a footer")
-
-
-def _is_index(first: bytes, length: int) -> bool:
-    """Return True if a message index has the entries that it claims; more may follow them."""
-    return (
-        len(first) == _INDEX_HEAD.size and _INDEX_HEAD.unpack(first)[1] <= length - _INDEX_HEAD.size
-    )
 
 
 def _skip(file: BinaryIO, length: int, crc: int) -> int:
@@ -294,16 +280,6 @@ class Block:
     channels: frozenset[int]
 
 
-class SeenChunk(NamedTuple):
-    """A chunk as it is in the file: what an index has to say of it."""
-
-    end: int
-    span_ns: tuple[int, int]
-    compression: str
-    sizes: tuple[int, int]  # compressed, uncompressed
-    marks: dict[int, int]  # of its messages, by channel: see `mark`
-
-
 class McapFile:
     """One file. Nothing after its first damaged byte counts; ``warning`` names that byte."""
 
@@ -332,8 +308,11 @@ class McapFile:
         self.counts: dict[int, int] = {}  # messages by channel
         self.outside = 0  # messages outside chunks
         self.span_ns = 0, 0  # of all log times; zeros without messages
-        self.chunks: dict[int, SeenChunk] = {}  # by offset
-        self.indexed: dict[int, dict[int, tuple[int, str]]] = {o: {} for o in INDEXED}
+        # What an index has to say, in the order of the file:
+        self.chunks: dict[int, ChunkIndex] = {}  # by offset
+        self.metadata_index: list[tuple[int, int, str]] = []  # offset, length, name
+        self.attachment_index: list[tuple[int, int]] = []  # offset, length
+        self._last = Content(b"")  # of the last chunk
         self._statistics: Statistics | None = None
         self._bodies: dict[tuple[int, int | None], bytes] = {}  # of the first schemas and channels
         self._numbers: dict[str, list[int]] = {}  # channels by topic
@@ -374,9 +353,11 @@ class McapFile:
                 self.closed = file.read() == MAGIC
             else:
                 self.whole = True
-        if self.whole and self._statistics is not None:
-            miscount = miscounted(self._statistics, self.counts)
-            self.sound, self.warning = self.sound and not miscount, self.warning or miscount or None
+        counted = self._statistics if self.whole else None
+        if counted is not None and (miscount := miscounted(counted, self.counts)):
+            self.sound, self.warning = False, self.warning or miscount
+            self.findings.append(Finding(ERROR, miscount, byte=self.end))
+        self._last = Content(b"")
 
     def take_record(self, record: Record) -> None:
         """Process a record without messages. Raises whatever mcap raises."""
@@ -408,6 +389,8 @@ class McapFile:
                 self.metadata[metadata.name] = metadata.metadata
         elif record.opcode == Opcode.ATTACHMENT:
             self.attachments += 1
+        elif record.opcode == Opcode.MESSAGE_INDEX and self.chunks:
+            self._take_index(record)
         elif record.opcode == Opcode.STATISTICS:
             self._statistics = Statistics.read(record.stream)
         elif not is_known(record.opcode):
@@ -466,10 +449,11 @@ class McapFile:
                 self.findings.append(Finding(INFO, text, byte=record.offset))
         elif not is_known(record.opcode):
             self._skipped(record.opcode, record.offset)
-        if record.opcode in INDEXED and self.data_end is None:
-            length = record.end - record.offset
-            name = self.metadata_records[-1][0] if record.body else ""
-            self.indexed[record.opcode][record.offset] = length, name
+        length = record.end - record.offset
+        if record.opcode == Opcode.METADATA:
+            self.metadata_index.append((record.offset, length, self.metadata_records[-1][0]))
+        if record.opcode == Opcode.ATTACHMENT:
+            self.attachment_index.append((record.offset, length))
 
     def _skipped(self, opcode: int, offset: int) -> None:
         text = f"a record of the unknown kind {name_of(opcode)} is skipped"
@@ -497,16 +481,34 @@ class McapFile:
         if spans and span != own:
             text = "the chunk's time span is not that of its messages"
             self.findings.append(Finding(ERROR, text, byte=record.offset))
-        self.chunks[record.offset] = SeenChunk(
-            record.end,
-            span,
-            head.compression,
-            (head.length, head.size),
-            {
-                channel: mark(messages.log_time_ns, messages.offsets())
-                for channel, messages in content.channels.items()
-            },
+        self._last = content
+        self.chunks[record.offset] = ChunkIndex(
+            chunk_length=record.end - record.offset,
+            chunk_start_offset=record.offset,
+            compression=head.compression,
+            compressed_size=head.length,
+            message_end_time=head.end_ns,
+            message_index_length=0,
+            message_index_offsets={},
+            message_start_time=head.start_ns,
+            uncompressed_size=head.size,
         )
+
+    def _take_index(self, record: Record) -> None:
+        """Take a message index, which has to be that of the last chunk. Raises what NumPy raises."""
+        channel, size = _INDEX_HEAD.unpack_from(record.body)
+        log, at = np.frombuffer(record.body, "<i8", size // 8, _INDEX_HEAD.size).reshape(-1, 2).T
+        order = np.argsort(at, kind="stable")
+        messages = self._last.messages([channel])
+        if not np.array_equal(
+            [log[order], at[order]],
+            [messages.log_time_ns, messages.offsets()] if messages else [[], []],
+        ):
+            text = "the message index is not that of the chunk's messages"
+            self.findings.append(Finding(ERROR, text, byte=record.offset))
+        index = next(reversed(self.chunks.values()))
+        index.message_index_offsets[channel] = record.offset
+        index.message_index_length += record.end - record.offset
 
     def numbers(self, topic: str) -> list[int]:
         """Return the channels of a topic."""
@@ -613,9 +615,3 @@ def _is_canonical(record: Record) -> bool:
     except Exception:  # whatever mcap may raise on a damaged record, which is found elsewhere
         return True
     return record.body.startswith(builder.end()[HEAD.size :])  # longer ones are allowed
-
-
-def mark(log_time_ns: Integers, offsets: Integers) -> int:
-    """Return a checksum of a channel's index entries, in the chunk's order."""
-    order = np.argsort(offsets, kind="stable")
-    return zlib.crc32(log_time_ns[order].tobytes(), zlib.crc32(offsets[order].tobytes()))

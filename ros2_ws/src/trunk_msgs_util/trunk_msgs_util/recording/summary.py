@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from bisect import bisect_right
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -27,10 +27,10 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader
 
 from .content import Content
+from .digests import DIGESTS, END, PROVENANCE
 from .limits import MAX_CHUNK, Budget
 from .mcap_file import (
     ERROR,
-    INDEXED,
     INFO,
     OURS,
     Block,
@@ -38,16 +38,15 @@ from .mcap_file import (
     McapFile,
     Record,
     content_of,
-    mark,
-    miscounted,
     read_block,
     records,
 )
 from .messages import HEAD, MAGIC
-from .topic import Topic
+from .schemas import describes
+from .topic import STAMPED, Topic
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
     from pathlib import Path
 
     from .joint_table import Integers
@@ -253,14 +252,28 @@ def structure(file: McapFile) -> list[Finding]:
     if not file.size:
         file = McapFile(file.path, {})
         file.scan()
-    findings = list(file.findings)
+    findings = [*file.findings, *_ambiguous(file)]
     if file.whole:
         with file.path.open("rb") as stream:
             findings += _compared(stream, file.size, file)
     return findings
 
 
+def _ambiguous(file: McapFile) -> Iterator[Finding]:
+    """Yield our records that come twice, and types whose fields a schema gives otherwise."""
+    counts = Counter(name for name, _ in file.metadata_records)
+    for name in (PROVENANCE, END, DIGESTS):
+        if counts[name] > 1:
+            said = f"{counts[name]} records {name}: other readers may take any of them"
+            yield Finding(ERROR, said)
+    texts = [(s.name, s.data) for s in file.schemas.values() if s.encoding == "ros2msg"]
+    for name, text in dict.fromkeys(texts):
+        if text and name in STAMPED and not describes(text, name):
+            yield Finding(ERROR, f"the schema of {name} has other fields than the type")
+
+
 def _compared(file: BinaryIO, size: int, walk: McapFile) -> Iterator[Finding]:
+    """Yield where the summary is not the one that the data give: other readers go by it."""
     try:
         summary = read_summary(file, size)
     except ValueError as error:
@@ -279,128 +292,55 @@ def _compared(file: BinaryIO, size: int, walk: McapFile) -> Iterator[Finding]:
         yield Finding(ERROR, "the checksum of summary and footer is wrong", byte=place)
     if summary.statistics is None:
         yield Finding(INFO, "no statistics", byte=place)
-    elif text := miscounted(summary.statistics, walk.counts):
-        yield Finding(ERROR, text, byte=place)
-    yield from _hidden(summary, walk)
-    if summary.statistics is not None and (text := _misstated(summary.statistics, walk)):
-        yield Finding(ERROR, text, byte=place)
-    starts = [*sorted(walk.chunks), size]
-    seen: set[int] = set()
-    for chunk in summary.chunks:
-        at = chunk.chunk_start_offset
-        if at in seen:
-            yield Finding(ERROR, "the index has the chunk twice", byte=at)
-        else:
-            seen.add(at)
-            following = starts[min(bisect_right(starts, at), len(starts) - 1)]
-            yield from _chunk_index(file, chunk, walk, following)
-    for opcode, indexes in _others(summary).items():
-        for index in indexes:
-            length, name = walk.indexed[opcode].get(index.offset, (0, ""))
-            if not length:
-                text = f"the index has {INDEXED[opcode]} {index.name!r} here, the file does not"
-                yield Finding(ERROR, text, byte=index.offset)
-            elif index.length != length or (
-                isinstance(index, MetadataIndex) and index.name != name
-            ):
-                text = f"the index gives {INDEXED[opcode]} another name or length"
-                yield Finding(ERROR, text, byte=index.offset)
-
-
-def _misstated(statistics: Statistics, walk: McapFile) -> str:
-    """Return how statistics differ from the file, besides its messages; empty if they agree."""
-    expected = {
-        "message_start_time": walk.span_ns[0],
-        "message_end_time": walk.span_ns[1],
-        "chunk_count": len(walk.chunks),
-        "schema_count": len(walk.schemas),
-        "channel_count": len(walk.channels),
-        "metadata_count": len(walk.metadata_records),
-        "attachment_count": walk.attachments,
-    }
-    return "; ".join(
-        f"statistics have {name} {stated}, by the file it is {value}"
-        for name, value in expected.items()
-        if (stated := getattr(statistics, name)) != value
-    )
-
-
-def _others(summary: Summary) -> dict[Opcode, Sequence[MetadataIndex | AttachmentIndex]]:
-    """Return the indexes of records other than chunks, by the kind that they are of."""
-    return {Opcode.METADATA: summary.metadata, Opcode.ATTACHMENT: summary.attachments}
-
-
-def _hidden(summary: Summary, walk: McapFile) -> Iterator[Finding]:
-    """Yield the records hidden from readers that go by the summary; without any index they scan the file."""
-    place = summary.start
     if walk.chunks and not summary.chunks:
         yield Finding(INFO, "no index of chunks: readers have to scan the file", byte=place)
-    if summary.chunks:
-        for offset in sorted(walk.chunks.keys() - {c.chunk_start_offset for c in summary.chunks}):
-            yield Finding(ERROR, "the chunk is not in the index", byte=offset)
-        for chunk in summary.chunks if any(c.message_index_offsets for c in summary.chunks) else ():
-            seen = walk.chunks.get(chunk.chunk_start_offset)
-            if seen is not None and seen.marks and not chunk.message_index_offsets:
-                text = "the index has no message indexes of the chunk, but of others"
-                yield Finding(ERROR, text, byte=chunk.chunk_start_offset)
-        if walk.outside:
-            text = f"{walk.outside} messages outside of chunks are in no index"
+    if walk.outside and summary.chunks:
+        text = f"{walk.outside} messages outside of chunks are in no index"
+        yield Finding(ERROR, text, byte=place)
+    for part, (given, stated) in _parts(summary, walk).items():
+        # Of what others write, any part may be missing; other readers may need what our recorder writes.
+        if (stated or walk.library.startswith(OURS)) and stated != given:
+            text = f"the summary's {part} are not those of the data: other readers may see another recording"
             yield Finding(ERROR, text, byte=place)
-    for opcode, indexes in _others(summary).items():
-        for offset in sorted(walk.indexed[opcode].keys() - {index.offset for index in indexes}):
-            if indexes:
-                yield Finding(ERROR, f"{INDEXED[opcode]} is not in the index", byte=offset)
-    groups = {
-        "channels": (walk.channels, summary.channels),
-        "schemas": (walk.schemas, summary.schemas),
-        "index of chunks": (walk.chunks, summary.chunks),
-        "index of metadata records": (walk.indexed[Opcode.METADATA], summary.metadata),
+    if any(index.message_index_offsets for index in walk.chunks.values()):
+        for block in walk.blocks:
+            index = walk.chunks.get(block.offset)
+            if index is not None and block.channels - index.message_index_offsets.keys():
+                yield Finding(ERROR, "the chunk lacks message indexes", byte=block.offset)
+
+
+def _parts(summary: Summary, walk: McapFile) -> dict[str, tuple[list[Any], list[Any]]]:
+    """Return the summary's parts, as the data give them and as they are, in the order of their places."""
+    counted = summary.statistics and replace(
+        summary.statistics,
+        message_start_time=walk.span_ns[0],
+        message_end_time=walk.span_ns[1],
+        chunk_count=len(walk.chunks),
+        schema_count=len(walk.schemas),
+        channel_count=len(walk.channels),
+        metadata_count=len(walk.metadata_records),
+        attachment_count=walk.attachments,
+    )
+    return {
+        "channels": (
+            sorted(walk.channels.values(), key=lambda c: c.id),
+            sorted(summary.channels, key=lambda c: c.id),
+        ),
+        "schemas": (
+            sorted(walk.schemas.values(), key=lambda s: s.id),
+            sorted(summary.schemas, key=lambda s: s.id),
+        ),
+        "chunks": (
+            list(walk.chunks.values()),
+            sorted(summary.chunks, key=lambda c: c.chunk_start_offset),
+        ),
+        "metadata records": (
+            walk.metadata_index,
+            sorted((i.offset, i.length, i.name) for i in summary.metadata),
+        ),
+        "attachments": (
+            walk.attachment_index,
+            sorted((i.offset, i.length) for i in summary.attachments),
+        ),
+        "statistics": ([counted], [summary.statistics]),
     }
-    for group, (there, listed) in groups.items():
-        if there and not listed and walk.library.startswith(OURS):
-            text = f"the summary has no {group}, which our recorder writes: others may not read the file"
-            yield Finding(ERROR, text, byte=place)
-    described = {channel.id for channel in summary.channels}
-    schemas = {schema.id for schema in summary.schemas}
-    for number in sorted(walk.counts.keys() - described):
-        if described:
-            text = f"the summary lacks channel {number}, of {walk.counts[number]} messages"
-            yield Finding(ERROR, text, byte=place)
-    for number in sorted({channel.schema_id for channel in summary.channels} - schemas - {0}):
-        if schemas:
-            yield Finding(ERROR, f"the summary lacks schema {number}", byte=place)
-
-
-def _chunk_index(
-    file: BinaryIO, chunk: ChunkIndex, walk: McapFile, following: int
-) -> Iterator[Finding]:
-    """Yield the faults of a chunk's index; ``following`` is where the next chunk begins."""
-    at = chunk.chunk_start_offset
-    seen = walk.chunks.get(at)
-    if seen is None:
-        yield Finding(ERROR, "the index has a chunk here that could not be read", byte=at)
-        return
-    if at + chunk.chunk_length != seen.end:
-        yield Finding(ERROR, "the index gives the chunk another length", byte=at)
-        return
-    if (chunk.message_start_time, chunk.message_end_time) != seen.span_ns:
-        yield Finding(ERROR, "the index gives the chunk another time span", byte=at)
-    stated = chunk.compression, (chunk.compressed_size, chunk.uncompressed_size)
-    if stated != (seen.compression, seen.sizes):
-        yield Finding(ERROR, "the index gives the chunk another compression or size", byte=at)
-    if not chunk.message_index_offsets:
-        return  # optional in a file: `_hidden` looks for one that others have
-    if seen.end + chunk.message_index_length > following:
-        yield Finding(ERROR, "the message indexes of the chunk extend into the next one", byte=at)
-        return
-    try:
-        indexes = message_indexes(file, chunk)
-    except ValueError as error:
-        yield Finding(ERROR, str(error), byte=at)
-        return
-    if {
-        channel: mark(*entries) for channel, entries in indexes.items() if len(entries[0])
-    } != seen.marks:
-        yield Finding(
-            ERROR, "the message indexes after the chunk are not those of its messages", byte=at
-        )
