@@ -36,8 +36,8 @@ class TopicContent(NamedTuple):
     type: str
     messages: Count
     rate_hz: float | None
-    longest_gap_s: float | None
-    bytes: Annotated[Count | None, "null: messages differ in size, and not all were read"]
+    longest_gap_s: Annotated[float | None, "null: a single message, or not read"]
+    bytes: Annotated[Count | None, "null: not read"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class InfoResult(RecordingResult, document="info-1"):
 
     files: Annotated[Sequence[Path], Keyword("minItems", 1)]
     bytes: Count
-    checked: Annotated[bool, "false: judged by its indexes alone"]
+    checked: Annotated[bool, "false: judged by its summary alone"]
     end: Annotated[Mapping[str, str] | None, "The recorder's last word; null: there is none"]
     warnings: Sequence[str]
     recorded_by: str | None
@@ -61,7 +61,7 @@ class InfoResult(RecordingResult, document="info-1"):
 
 
 def summary(run: RecordedRun) -> InfoResult:
-    """Return a recording's content, with its doubts as far as its events and indexes show them."""
+    """Return a recording's content, with its doubts as far as its events show them."""
     recording = run.recording
     doubts = doubts_of(run, twin=False, whole=recording.checked)
     return InfoResult(
@@ -80,7 +80,7 @@ def summary(run: RecordedRun) -> InfoResult:
         changed=changed_parameters(run),
         links=links(recording),
         topics={
-            name: _topic(topic, recording.longest_gap_ns(name), recording.checked)
+            name: _topic(topic, recording.longest_gap_ns(name) if recording.checked else None)
             for name, topic in sorted(recording.topics.items())
         },
     )
@@ -92,15 +92,15 @@ def links(recording: Recording) -> dict[str, str]:
     return next((dict(event.values) for event in counts), {})
 
 
-def _topic(topic: Topic, gap_ns: int, checked: bool) -> TopicContent:
+def _topic(topic: Topic, gap_ns: int | None) -> TopicContent:
     first, last = topic.first_stamp_ns or 0, topic.last_stamp_ns or 0
     span = seconds(last - first)
     return TopicContent(
         topic.type,
         topic.count,
         (topic.count - 1) / span if span > 0.0 else None,
-        seconds(gap_ns) if topic.count > 1 else None,
-        topic.size if checked or topic.size or not topic.count else None,
+        seconds(gap_ns) if topic.count > 1 and gap_ns is not None else None,
+        topic.size if gap_ns is not None else None,
     )
 
 
@@ -148,7 +148,7 @@ def _state(content: InfoResult) -> str:
     """Return a word on a recording's completeness, and its source."""
     if content.checked and content.end is not None:
         return f"complete ({content.end['reason']})"
-    return "complete by its index; --check reads the content"
+    return "complete by its summary; gaps and sizes are not read: --check"
 
 
 @dataclass(frozen=True)
@@ -171,8 +171,9 @@ class DoctorResult(RecordingResult, document="info-check-1"):
 def command(context: click.Context, run: Path, check: bool, as_json: bool) -> None:
     """Show what is in a recording, an MCAP file or a rosbag2 folder, and whether it is complete.
 
-    Long files are judged by their indexes, in an instant. Exit code of --check: 0 nothing wrong, 1 findings,
-    2 unreadable.
+    Long files are judged by their summaries, in an instant.
+
+    Exit code of --check: 0 nothing wrong, 1 findings, 2 unreadable.
     """
     if check:
         context.exit(_checked(run, as_json))

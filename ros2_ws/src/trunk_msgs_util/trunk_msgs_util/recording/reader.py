@@ -359,7 +359,7 @@ class Recording(Bag):
     def open_by_summary(
         cls, path: str | Path, progress: Callable[[int, int], None] = lambda _done, _of: None
     ) -> Recording:
-        """Open a recording by its summary and indexes; ``checked`` is False if that was enough.
+        """Open a recording by its summary; ``checked`` is False if that was enough.
 
         Files of less than `_BY_SUMMARY` bytes, and those without a sound summary, are scanned.
         Raises as `open` does.
@@ -585,8 +585,7 @@ class Recording(Bag):
                 except ValueError as error:
                     topic.refuse(len(parsed), log_ns, str(error))
                     return []
-        if not topic.ordered:
-            parsed.sort(key=lambda pair: pair[0])
+        parsed.sort(key=lambda pair: pair[0])
         return [message for _, message in parsed]
 
     @cached_property

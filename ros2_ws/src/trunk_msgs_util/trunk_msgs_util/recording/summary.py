@@ -5,14 +5,12 @@ Opened by them a file is known at once, whatever its length; nothing is checked.
 
 from __future__ import annotations
 
-import struct
 import zlib
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -28,7 +26,7 @@ from mcap.stream_reader import StreamReader
 
 from .content import Content
 from .digests import DIGESTS, END, PROVENANCE
-from .limits import MAX_CHUNK, Budget
+from .limits import MAX_CHUNK
 from .mcap_file import (
     ERROR,
     INFO,
@@ -37,11 +35,9 @@ from .mcap_file import (
     Finding,
     McapFile,
     Record,
-    content_of,
-    read_block,
     records,
 )
-from .messages import HEAD, MAGIC
+from .messages import HEAD, MAGIC, MESSAGE_HEAD
 from .schemas import describes
 from .topic import STAMPED, Topic
 
@@ -49,10 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from .joint_table import Integers
-
 _FOOTER = HEAD.size + 20
-_INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length, channel, length of the entries
 
 
 @dataclass
@@ -109,58 +102,32 @@ def read_summary(file: BinaryIO, size: int) -> Summary | None:
     return summary
 
 
-def message_indexes(file: BinaryIO, index: ChunkIndex) -> dict[int, tuple[Integers, Integers]]:
-    """Return (log times in ns, offsets in the chunk's records) by channel, of one chunk.
-
-    Raises ValueError if they are not where the chunk's index says.
-    """
-    first = index.chunk_start_offset + index.chunk_length
-    if index.message_index_length > MAX_CHUNK:
-        raise ValueError(f"message indexes of {index.message_index_length} bytes")
-    file.seek(first)
-    data = file.read(index.message_index_length)
-    indexes = {}
-    for channel, offset in index.message_index_offsets.items():
-        at = offset - first
-        if not 0 <= at <= len(data) - _INDEX_HEAD.size:
-            raise ValueError(f"the message index at byte {offset} is not after its chunk")
-        opcode, length, number, size = _INDEX_HEAD.unpack_from(data, at)
-        begin = at + _INDEX_HEAD.size
-        if opcode != Opcode.MESSAGE_INDEX or number != channel or length < size + 6 or size % 16:
-            raise ValueError(f"there is no index of channel {channel} at byte {offset}")
-        if begin + size > len(data):
-            raise ValueError(f"the message index at byte {offset} is too long")
-        entries = np.frombuffer(data, "<i8", size // 8, begin).reshape(-1, 2)
-        indexes[channel] = (entries[:, 0], entries[:, 1])
-    return indexes
-
-
 def open_by_summary(path: Path, topics: dict[str, Topic]) -> McapFile | None:
-    """Return the file as its summary describes it, with ``topics`` filled as by a scan.
+    """Return the file as its summary describes it, with its messages counted in ``topics``.
 
-    A topic's size is that of the messages in its first and last chunk if these are all equal, or
-    else 0. None if the summary is incomplete or does not fit the file.
+    Stamps are those of each channel's first and last chunk; sizes and gaps are not known. None if the summary
+    is incomplete or does not fit the file.
     """
-    described: dict[str, Topic] = {}
+    recording = McapFile(path, {})
     try:
         with path.open("rb") as file:
             size = path.stat().st_size
             summary = read_summary(file, size)
-            if summary is None or not _fits(summary):
+            if summary is None or summary.statistics is None or not _fits(summary):
                 return None
-            recording = McapFile(path, described)
             recording.whole = True
             file.seek(8)
-            for record in records(file, size):
-                recording.take_record(record)
-                break  # the header
+            recording.take_record(next(records(file, size)))  # the header
             _describe(recording, summary, file)
-            _measure(recording, summary, file)
+            for channel, count in summary.statistics.channel_message_counts.items():
+                recording.topics[recording.channels[channel].topic].count += count
+            _take_ends(recording, file)
     except Exception:  # whatever a damaged summary may raise: the file is scanned instead
         return None
-    if any(name in topics and topics[name].count for name in described):
-        return None  # topics continue from an earlier file: their gaps are not known here
-    topics.update(described)
+    if any(name in topics and topics[name].count for name in recording.topics):
+        return None  # topics continue from an earlier file
+    topics.update(recording.topics)
+    recording.topics = topics
     return recording
 
 
@@ -169,6 +136,7 @@ def _fits(summary: Summary) -> bool:
     statistics = summary.statistics
     if statistics is None or summary.footer.summary_crc not in (0, summary.crc):
         return False
+    count, unpacked = statistics.message_count, sum(c.uncompressed_size for c in summary.chunks)
     end = 8
     for chunk in summary.chunks:
         if chunk.chunk_start_offset < end or not chunk.message_index_offsets:
@@ -176,6 +144,8 @@ def _fits(summary: Summary) -> bool:
         end = chunk.chunk_start_offset + chunk.chunk_length + chunk.message_index_length
     return (
         end <= summary.start
+        and count == sum(statistics.channel_message_counts.values())
+        and count * MESSAGE_HEAD.size <= unpacked
         and statistics.chunk_count == len(summary.chunks) > 0
         and statistics.channel_count == len(summary.channels)
         and statistics.metadata_count == len(summary.metadata)
@@ -200,48 +170,17 @@ def _describe(recording: McapFile, summary: Summary, file: BinaryIO) -> None:
         recording.blocks.append(Block(chunk.chunk_start_offset, end, channels))
 
 
-def _measure(recording: McapFile, summary: Summary, file: BinaryIO) -> None:
-    """Fill in the topics: counts and log times by the indexes, stamps by their first and last chunks."""
-    counts: dict[int, int] = {}
-    spans: dict[int, list[tuple[int, int]]] = {}  # of a channel: log time, the chunk that has it
-    for i, chunk in enumerate(summary.chunks):
-        for channel, (log, _) in message_indexes(file, chunk).items():
-            if len(log):
-                counts[channel] = counts.get(channel, 0) + len(log)
-                if (log < 0).any():
-                    raise ValueError("a log time is beyond the year 2262")
-                topic = recording.topics[recording.channels[channel].topic]
-                topic.take_log(log)
-                spans.setdefault(channel, []).extend([(int(log.min()), i), (int(log.max()), i)])
-    statistics = summary.statistics
-    if statistics is None or counts != {
-        channel: count for channel, count in statistics.channel_message_counts.items() if count
-    }:
-        raise ValueError("statistics and indexes do not agree")
-    ends = {channel: {min(times)[1], max(times)[1]} for channel, times in spans.items()}
-    sizes_of: dict[int, set[int]] = {}
-    budget = Budget(recording.path.stat().st_size)
-    for i in sorted(set().union(*ends.values())):
-        content = _content(file, summary.chunks[i], budget)
-        for channel in summary.chunks[i].message_index_offsets:
-            if i in ends.get(channel, ()):
-                messages = content.channels[channel]
-                recording.topics[recording.channels[channel].topic].take_stamps(messages)
-                lengths = np.unique(messages.end - messages.start)
-                sizes_of.setdefault(channel, set()).update(lengths[:2].tolist())
-    for channel, sizes in sizes_of.items():
-        topic = recording.topics[recording.channels[channel].topic]
-        before = topic.count
-        topic.count = before + counts[channel]
-        topic.size = counts[channel] * sizes.pop() if len(sizes) == 1 and not before else 0
-
-
-def _content(file: BinaryIO, chunk: ChunkIndex, budget: Budget) -> Content:
-    at = chunk.chunk_start_offset
-    record = read_block(file, at, at + chunk.chunk_length)
-    if record.opcode != Opcode.CHUNK:
-        raise ValueError("no chunk where the index says")
-    return content_of(record, budget)
+def _take_ends(recording: McapFile, file: BinaryIO) -> None:
+    """Take the stamps of each channel's first and last chunk."""
+    ends: dict[int, tuple[Block, Block]] = {}
+    for block in recording.blocks:
+        ends |= {channel: (ends.get(channel, (block,))[0], block) for channel in block.channels}
+    for block in recording.blocks:
+        wanted = {channel for channel in block.channels if block in ends[channel]}
+        content = recording.content(file, block) if wanted else Content(b"")
+        for topic, messages in recording.by_topic(content).items():
+            if wanted & set(recording.numbers(topic)):
+                recording.topics[topic].take_stamps(messages)
 
 
 def structure(file: McapFile) -> list[Finding]:
