@@ -58,7 +58,6 @@ _INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
 
 OURS = "trunk_msgs_util"  # how the library's name begins in files that must have an end record
 _OUR_METADATA = PROVENANCE[:6].encode()  # what the names of our metadata begin with
-_SHORT = 1 << 16  # bytes of others' metadata that are read
 _NUMBER = struct.Struct("<H")
 # Records with maps, in which others may read the first of two equal keys.
 _READ: dict[int, Callable[[ReadDataStream], Any]] = {
@@ -317,6 +316,7 @@ class McapFile:
         self._bodies: dict[tuple[int, int | None], bytes] = {}  # of the first schemas and channels
         self._numbers: dict[str, list[int]] = {}  # channels by topic
         self._described_by = 0  # bytes of our metadata
+        self._budget = Budget(size_of(path))
 
     def scan(
         self,
@@ -329,16 +329,12 @@ class McapFile:
         ``fill`` is called with the messages of JointState topics. Raises RecordingError and OSError.
         """
         self.size = size = size_of(self.path)
-        budget = Budget(size)
         with self.path.open("rb") as file:
             check_magic(self.path, file, size)
             try:
                 for record in records(file, size):
-                    content = visit(record, budget, self.take_record)
-                    self._look_at(record)
+                    content = self.take(record, fill)
                     if content is not None:
-                        self._look_into(record, content)
-                        self._take_content(content, record, fill)
                         keep(record.offset, content)
                     self.end = record.end
                     progress(record.end)
@@ -358,6 +354,15 @@ class McapFile:
             self.sound, self.warning = False, self.warning or miscount
             self.findings.append(Finding(ERROR, miscount, byte=self.end))
         self._last = Content(b"")
+
+    def take(self, record: Record, fill: Fill | None = None) -> Content | None:
+        """Process a record; return a block's content. Raises DamageError."""
+        content = visit(record, self._budget, self.take_record)
+        self._look_at(record)
+        if content is not None:
+            self._look_into(record, content)
+            self._take_content(content, record, fill)
+        return content
 
     def take_record(self, record: Record) -> None:
         """Process a record without messages. Raises whatever mcap raises."""
@@ -576,11 +581,10 @@ def numbered(record: Record) -> int | None:
 
 
 def others_metadata(record: Record) -> tuple[str, dict[str, str]]:
-    """Return a metadata record that is not ours; only its digest if it is large or malformed."""
-    if len(record.body) <= _SHORT:
-        with suppress(Exception):  # whatever mcap may raise: nothing in it is needed
-            metadata = Metadata.read(record.stream)
-            return metadata.name, metadata.metadata
+    """Return a metadata record that is not ours; only its digest if it is malformed."""
+    with suppress(Exception):  # whatever mcap may raise: nothing in it is needed
+        metadata = Metadata.read(record.stream)
+        return metadata.name, metadata.metadata
     return "", {"blake2b": hashlib.blake2b(record.body, digest_size=32).hexdigest()}
 
 

@@ -3,45 +3,35 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Channel, Schema
 from mcap.writer import Writer
 
 from .. import topics
 from ..errors import RecordingError
 from ..files import atomic_write
-from ..units import NANOSECONDS
-from .content import Content
-from .digests import DIGESTS, END
+from .digests import DIGESTS, END, uncoverable
 from .joint_table import pieces
-from .limits import Budget, LimitError
 from .mcap_file import (
-    ChecksumError,
     DamageError,
-    LimitReachedError,
+    McapFile,
     Record,
     TrailingError,
     check_magic,
-    check_schema_limits,
-    is_known,
     name_of,
-    numbered,
     records,
     size_of,
-    visit,
 )
-from .messages import Messages
+from .messages import MAGIC, Messages
 from .schemas import parse_event, parse_parameter_event
 from .summary import Summary, read_summary
-from .topic import STAMP_SIZE, STAMPED, fields_of
 
 LIBRARY = "trunk_msgs_util recover"
-LAST_TIME_NS = 2**63 - 1  # the year 2262
 _LOSSES = 20  # listed in the end record
 
 
@@ -65,7 +55,7 @@ def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
 
     Damaged chunks are left out; after damage that hides where the next record begins, the file's
     own index says where to go on. The end record says "complete: false" and why. Raises RecordingError
-    if nothing can be read, FileExistsError, and OSError. Beyond a limit (`limits`) nothing is read.
+    if nothing can be read, FileExistsError, and OSError.
     """
     recovery = Recovery()
     size = size_of(path)
@@ -75,7 +65,7 @@ def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
             raise FileExistsError(f"{output} is the broken file itself: choose another name")
         with atomic_write(output, overwrite=overwrite) as part:
             with part.open("wb") as target:
-                _Copy(file, size, target, recovery).run()
+                _Copy(McapFile(path, {}), target, recovery).run(file, size)
             if not recovery.count:
                 raise RecordingError(f"{path}: no message can be read: nothing was recovered")
     return recovery
@@ -84,154 +74,111 @@ def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
 class _Copy:
     """Schemas and channels keep their content and get new numbers."""
 
-    def __init__(self, file: BinaryIO, size: int, target: BinaryIO, recovery: Recovery) -> None:
-        self._file, self._size, self._recovery = file, size, recovery
+    def __init__(self, file: McapFile, target: BinaryIO, recovery: Recovery) -> None:
+        self._file, self._recovery = file, recovery
         self._writer = Writer(target, enable_data_crcs=True)
         self._schemas: dict[int, int] = {0: 0}
-        self._channels: dict[int, tuple[int, str, str]] = {}  # new number, topic, type
-        self._types: dict[int, str] = {0: ""}
-        self._end: dict[str, str] | None = None
-        self._seen = 8  # everything before this byte was read or given up
-        self._budget = Budget(size)
-        self._unread = True  # the summary
+        self._channels: dict[int, int] = {}
 
-    def run(self) -> None:
+    def run(self, stream: BinaryIO, size: int) -> None:
+        file, lost = self._file, self._recovery.lost
+        summary: Summary | None = None
+        with suppress(ValueError):
+            summary = read_summary(stream, size)
         self._writer.start("ros2", LIBRARY)
-        start = 8
-        while start < self._size:
-            start = self._stretch(start)
+        chunks = sorted(chunk.chunk_start_offset for chunk in summary.chunks) if summary else []
+        for record in _salvaged(stream, size, chunks, lost):
+            if lost and summary and summary.footer.summary_crc == summary.crc:
+                described: list[Schema | Channel] = [*summary.schemas, *summary.channels]
+                for item in described:  # the data's may be lost, too
+                    file.take_described(item)
+                summary = None
+            try:
+                content = file.take(record)
+            except DamageError as error:
+                lost.append(str(error))
+                continue
+            if content and (messages := content.messages(content.channels)):
+                self._messages(messages, record)
+        for channel in file.channels:
+            self._channel(channel)
+        others = uncoverable((), file.attachments, map(name_of, file.unknown))
+        lost += [f"{part}: only messages and metadata are copied" for part in others]
+        self._end(file.metadata_records)
+
+    def _end(self, metadata: list[tuple[str, dict[str, str]]]) -> None:
+        """Write the metadata and the end record."""
+        lost, before = self._recovery.lost, "no end"
         self._writer.flush()
-        end = self._end or {}
-        lost = "; ".join(self._recovery.lost[:_LOSSES]) or "nothing"
-        if len(self._recovery.lost) > _LOSSES:
-            lost += f"; and {len(self._recovery.lost) - _LOSSES} more losses"
-        before = "complete" if end.get("complete") == "true" else end.get("reason", "no end")
-        reason = f"recovered; it was: {before}; lost: {lost}"
+        for name, values in metadata:
+            if name == END:
+                complete = values.get("complete") == "true"
+                before = "complete" if complete else values.get("reason", before)
+            elif name != DIGESTS:
+                self._writer.add_metadata(name, values)
+            elif not lost:
+                # Digests cover the whole run: after a loss they would flag what is left as altered.
+                # The rest is not what it was: numbers of channels, the end record.
+                of_topics = {k: v for k, v in values.items() if k.startswith("/")}
+                self._writer.add_metadata(DIGESTS, of_topics)
+        losses = "; ".join(lost[:_LOSSES]) or "nothing"
+        if len(lost) > _LOSSES:
+            losses += f"; and {len(lost) - _LOSSES} more losses"
+        reason = f"recovered; it was: {before}; lost: {losses}"
         self._writer.add_metadata(END, {"complete": "false", "recovered": "true", "reason": reason})
         self._writer.finish()
 
-    def _lose(self, error: DamageError) -> None:
-        """Note a loss; at the first, read schemas and channels from the summary: they may be lost too."""
-        self._recovery.lost.append(str(error))
-        summary, self._unread = self._unread and self._summary, False
-        if summary and summary.footer.summary_crc == summary.crc:
-            try:
-                for schema in summary.schemas:
-                    self._describe(schema)
-                for channel in summary.channels:
-                    self._describe(channel)
-            except LimitError as error:
-                self._recovery.lost.append(f"the summary describes {error}")
-
-    @cached_property
-    def _summary(self) -> Summary | None:
-        try:
-            return read_summary(self._file, self._size)
-        except ValueError:
-            return None
-
-    @cached_property
-    def _chunks(self) -> list[int]:
-        """Where chunks begin, according to the index."""
-        return sorted(c.chunk_start_offset for c in self._summary.chunks) if self._summary else []
-
-    def _describe(self, item: Schema | Channel) -> None:
-        if isinstance(item, Schema):
-            if item.id not in self._schemas:
-                check_schema_limits(len(self._schemas) - 1, item)
-                number = self._writer.register_schema(item.name, item.encoding, item.data)
-                self._schemas[item.id], self._types[item.id] = number, item.name
-        elif item.id not in self._channels:
-            check_schema_limits(len(self._channels), item)
-            schema = self._schemas.get(item.schema_id, 0)
-            number = self._writer.register_channel(
-                item.topic, item.message_encoding, schema, item.metadata
+    def _channel(self, number: int) -> int:
+        """Return a channel's new number."""
+        if number not in self._channels:
+            channel = self._file.channels[number]
+            schema = self._file.schemas.get(channel.schema_id)
+            if schema and schema.id not in self._schemas:
+                self._schemas[schema.id] = self._writer.register_schema(
+                    schema.name, schema.encoding, schema.data
+                )
+            self._channels[number] = self._writer.register_channel(
+                channel.topic,
+                channel.message_encoding,
+                self._schemas[schema.id] if schema else 0,
+                channel.metadata,
             )
-            kind = self._types.get(item.schema_id, "")
-            self._channels[item.id] = (number, item.topic, kind)
+        return self._channels[number]
 
-    def _stretch(self, start: int) -> int:
-        """Copy from a byte on; return where to resume after damage, or the file's size."""
-        self._file.seek(start)
-        try:
-            for record in records(self._file, self._size, start):
-                at = self._file.tell()
-                try:
-                    content = visit(record, self._budget, self._take_other)
-                    if content is not None:
-                        self._messages(content, record)
-                except LimitReachedError:
-                    raise
-                except DamageError as error:
-                    self._lose(error)
-                self._file.seek(at)
-                self._seen = record.end
-        except ChecksumError as error:
-            self._recovery.lost.append(f"{error}, but its records can be read")
-        except LimitReachedError as error:
-            self._recovery.lost.append(f"{error}; nothing after it is read")
-        except TrailingError as error:
-            self._recovery.lost.append(str(error))
-        except DamageError as error:
-            self._lose(error)
-            return self._next_chunk()
-        return self._size
-
-    def _next_chunk(self) -> int:
-        """Return the start of the next chunk after the damage, by the index."""
-        after = bisect_right(self._chunks, self._seen)
-        following = self._chunks[after] if after < len(self._chunks) else self._size
-        self._seen = following
-        return following
-
-    def _take_other(self, record: Record) -> None:
-        if record.opcode == Opcode.SCHEMA:
-            if numbered(record) not in self._schemas:
-                self._describe(Schema.read(record.stream))
-        elif record.opcode == Opcode.CHANNEL:
-            if numbered(record) not in self._channels:
-                self._describe(Channel.read(record.stream))
-        elif record.opcode == Opcode.METADATA:
-            metadata = Metadata.read(record.stream)
-            if metadata.name == END:
-                self._end = metadata.metadata
-            elif metadata.name != DIGESTS:
-                self._writer.flush()
-                self._writer.add_metadata(metadata.name, metadata.metadata)
-            elif not self._recovery.lost:
-                # Digests cover the whole run: after a loss they would flag what is left as altered.
-                # The rest is not what it was: numbers of channels, the end record.
-                topics = {k: v for k, v in metadata.metadata.items() if k.startswith("/")}
-                self._writer.flush()
-                self._writer.add_metadata(DIGESTS, topics)
-        elif record.opcode == Opcode.ATTACHMENT or not is_known(record.opcode):
-            place = f"the {name_of(record.opcode)} record at byte {record.offset}"
-            self._recovery.lost.append(f"{place}: only messages and metadata are copied")
-
-    def _messages(self, content: Content, record: Record) -> None:
-        messages = content.messages(content.channels)
-        if messages is None:
-            return
-        unknown = content.channels.keys() - self._channels.keys()
-        if unknown:
-            raise DamageError(
-                f"the record at byte {record.offset} has messages of an unknown channel"
-            )
+    def _messages(self, messages: Messages, record: Record) -> None:
         for row, data in enumerate(messages.bytes()):
-            head = messages.head(row)
-            number, topic, kind = self._channels[head.channel]
-            log_time_ns = head.log_time_ns
-            if log_time_ns > LAST_TIME_NS and kind in STAMPED and len(data) >= STAMP_SIZE:
-                sec, nanosec = fields_of(messages.only(row))
-                log_time_ns = max(int(sec[0]) * NANOSECONDS + int(nanosec[0]), 0)
-            fault = "its log time is beyond the year 2262" if log_time_ns > LAST_TIME_NS else ""
-            if fault := fault or _fault(kind, topic, messages.only(row)):
+            head, message = messages.head(row), messages.only(row)
+            topic, kind = self._file.channels[head.channel].topic, self._file.type_of(head.channel)
+            log_time_ns = int(message.log_time_ns[0])
+            if log_time_ns < 0:  # beyond the year 2262
+                log_time_ns = int(self._file.stamps(message)[0])
+            fault = "its log time is beyond the year 2262" if log_time_ns < 0 else ""
+            if fault := fault or _fault(kind, topic, message):
                 self._recovery.lost.append(
                     f"a message on {topic} in the record at byte {record.offset}: {fault}"
                 )
                 continue
+            number = self._channel(head.channel)
             self._writer.add_message(number, log_time_ns, data, head.publish_time_ns, head.sequence)
             self._recovery.messages[topic] = self._recovery.messages.get(topic, 0) + 1
+
+
+def _salvaged(stream: BinaryIO, size: int, chunks: list[int], lost: list[str]) -> Iterator[Record]:
+    """Yield the records that are whole; where damage hides the next one, go on at the next chunk."""
+    seen = len(MAGIC)
+    while seen < size:
+        stream.seek(seen)
+        try:
+            for record in records(stream, size, seen):
+                yield record
+                seen = record.end
+            return
+        except DamageError as error:
+            lost.append(str(error))
+            if isinstance(error, TrailingError):  # what follows is no part of the file
+                return
+        after = bisect_right(chunks, seen)
+        seen = chunks[after] if after < len(chunks) else size
 
 
 def _fault(kind: str, topic: str, message: Messages) -> str:
