@@ -65,7 +65,7 @@ _MISSING = (
 _SWAPPED = (
     *("page.html", "picture.png", "table.csv", "swept.parquet", "params.yaml", "study.yaml"),
     *("empty.mcap", "broken.mcap", "cut.mcap", "picture.mcap", "yaml.mcap", "parquet.mcap"),
-    *("folder", "hollow", "two", "loop", "dangling", "pipe.json", "key", "bad.yaml"),
+    *("folder", "hollow", "two", "loop", "dangling", "pipe.json", "bad.yaml"),
 )
 
 

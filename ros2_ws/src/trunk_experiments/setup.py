@@ -64,7 +64,6 @@ setup(
         f"trunk_control=={version}",
         "click>=8.1,<9",
         "cma>=4,<5",
-        "cryptography[ssh]>=42",
         "Jinja2>=3.1,<4",
         "matplotlib>=3.8,<4",
         "mcap>=1.1,<2",

@@ -53,7 +53,6 @@ def test_a_key_that_the_schema_does_not_know_is_found(recordings_here, command_s
         ("simulate fig8 -o a.mcap", 2, "--output a.mcap: it exists"),
         ("simulate fig8 -o /dev/stdout", 2, "with --json the document goes there"),
         ("simulate fig8 -o new.mcap --set pid.gains.p=x", 2, "gains.p"),
-        ("sign cut.mcap --key none", 2, "none"),
         ("compare a.mcap --csv", 2, "--json and --csv: give one of them"),
         ("compare", 2, "Missing argument 'RUN...'"),
         ("metricz a.mcap", 2, "did you mean 'metrics'?"),
@@ -105,7 +104,7 @@ def test_what_is_said_of_a_run(recordings_here, command_says):
         for name, words in (
             ("info-1", "info a.mcap"),
             ("metrics-1", "metrics a.mcap"),
-            ("verify-1", "verify a.mcap"),
+            ("verify-2", "verify a.mcap"),
         )
     }
     for document in of.values():
@@ -114,7 +113,7 @@ def test_what_is_said_of_a_run(recordings_here, command_says):
         assert document["doubts"]["fell"] == Recording.open("a.mcap").fell_at_ns / 1e9
         assert document["doubts"]["late"] is None
     judged = {name: document["doubts"]["judged"] for name, document in of.items()}
-    assert judged == {"info-1": None, "metrics-1": None, "verify-1": "verified"}
+    assert judged == {"info-1": None, "metrics-1": None, "verify-2": "verified"}
     cut = checked(command_says("metrics", "cut.mcap", "--json")[1], "metrics-1")["doubts"]
     assert cut["complete"] is False
     assert cut["reason"]

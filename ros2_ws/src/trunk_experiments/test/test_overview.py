@@ -27,6 +27,7 @@ def test_the_first_screen_has_each_family_and_fits_80_columns(command_says):
         (["fit", "path", "a.csv"], "trunk fit is now: python examples/fit_hip_path.py"),
         (["doctor", "a.mcap"], "trunk doctor is now: trunk info --check RUN"),
         (["import", "fuzzy", "a.fis"], "trunk import is now: trunk rules read FILE"),
+        (["sign", "a"], "trunk sign is now: ssh-keygen -Y sign -n trunk -f KEY RUN.mcap"),
         (["watch", "a.mcap"], "trunk watch is now: trunk report RUN --open"),
         (["export-web", "fig8"], "trunk export-web is now: trunk lab SCENARIO"),
         (

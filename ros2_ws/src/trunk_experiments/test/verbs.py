@@ -12,8 +12,6 @@ from trunk_experiments.cli import main
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 
-from .keys import ALICE, write_key
-
 Arguments = tuple[object, ...]
 
 
@@ -47,7 +45,6 @@ VERBS = (
     Verb(("plot",), ("a.mcap",), ".png"),
     Verb(("diff",), ("a.mcap", "b.mcap")),
     Verb(("verify",), ("a.mcap",)),
-    Verb(("sign", "--key", "key"), ("a.mcap",), ".sig"),
     Verb(("info",), ("a.mcap",)),
     Verb(("list", "runs"), ("runs",)),
     Verb(("list", "scenarios")),
@@ -148,7 +145,6 @@ def furnish(folder: Path) -> Path:
         record_offline(plan, folder / f"{name}.mcap")
     (folder / "study.yaml").write_text(STUDY)
     (folder / "drawn.yaml").write_text(DRAWN)
-    write_key(folder / "key", ALICE)
     sound = (folder / "a.mcap").read_bytes()
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

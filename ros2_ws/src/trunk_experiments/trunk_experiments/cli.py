@@ -46,7 +46,6 @@ _FAMILIES = {
         "verify": "Recompute a recorded run from its own data.",
         "diff": "Find where two recorded runs diverge, bit by bit.",
         "recover": "Write a valid file from a broken one.",
-        "sign": "Sign a recording's content with your key; make a key.",
     },
     "many runs": {
         "limit": "Find the greatest push or delay a controller withstands.",
@@ -73,6 +72,7 @@ _GONE = {
     "fit": "python examples/fit_hip_path.py",
     "help": "trunk VERB --help",
     "import": "trunk rules read FILE",
+    "sign": "ssh-keygen -Y sign -n trunk -f KEY RUN.mcap",
     "watch": "trunk report RUN --open",
 }
 

@@ -32,12 +32,6 @@ class DrawError(TrunkError):
     """A distribution whose parameters are not possible."""
 
 
-class NotSignedError(TrunkError):
-    """A recording that must not be signed: its name, why, and what would allow it."""
-
-    exit_code = EXIT_FAILED
-
-
 class ExecutableError(TrunkError):
     """A node's executable that is not installed."""
 

@@ -10,7 +10,7 @@ from ..analysis.metrics import Metrics
 from ..errors import PlanError
 from ..replay.verdict import Verification
 from ._run import Run, run_of
-from ._values import AnyPath, output_path, path_of, writing
+from ._values import AnyPath, output_path, writing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,24 +26,16 @@ def metrics(run: Run | AnyPath) -> Metrics:
     return recorded_metrics(run_of(run)._recorded)
 
 
-def verify(run: Run | AnyPath, *, key: AnyPath | None = None) -> Verification:
+def verify(run: Run | AnyPath) -> Verification:
     """Recompute every command of a recording and, where time was exact, every state.
 
-    ``key``: the file of the public Ed25519 key that must have signed it; None: any
-    signature beside the recording counts, whoever made it.
-
-    Raises RecordingError for a recording that cannot be read, and another `TrunkError` for an invalid key.
+    Raises RecordingError for a recording that cannot be read.
     """
-    from ..replay.signing import judge_signature, public_key
     from ..replay.verdict import verification
     from ..replay.verify import verdict_on
 
-    file = None if key is None else path_of(key, "key")
-    trusted = None if file is None else public_key(file)
     recorded = run_of(run)._recorded
-    verdict = verdict_on(recorded)
-    judge_signature(verdict, recorded.recording, trusted, str(file))
-    return verification(recorded, verdict)
+    return verification(recorded, verdict_on(recorded))
 
 
 _SUFFIXES = (".png", ".svg", ".pdf")

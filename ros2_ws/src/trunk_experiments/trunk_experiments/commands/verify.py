@@ -10,14 +10,11 @@ from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import Recording
 
 from ..console.document import json_option, write_json
-from ..console.options import file_option
 from ..console.progress import progress_bar
 from ..console.reading import reading
 from ..console.tables import print_table
-from ..errors import PlanError
 from ..recorded.run import RecordedRun
 from ..replay.doubts import Doubts, refused, silence
-from ..replay.signing import judge_signature, public_key
 from ..replay.verdict import CheckedPart, Verdict, Verification, verification
 from ..replay.verify import verify
 
@@ -30,46 +27,25 @@ def _row(part: CheckedPart) -> tuple[str, ...]:
     return part.name, *span, str(part.steps_checked), result
 
 
-def judged(run: Path, key: Path | None, signature: Path | None) -> tuple[Recording, Verdict]:
-    """Return a recording and its verdict; a signature counts if asked for, or beside the recording.
-
-    Raises KeyFileError, PlanError and RecordingError.
-    """
-    trusted = None if key is None else public_key(key)
-    if signature and not signature.exists() and not key:
-        raise PlanError(
-            f"--signature {signature}: it does not exist: give a file written by trunk sign"
-        )
+def judged(run: Path) -> tuple[Recording, Verdict]:
+    """Return a recording and its verdict. Raises RecordingError."""
     with reading(run) as tell:
         recording = Recording.open(run, tell, whole=True)
     with progress_bar(f"recomputing {resolve_path(run).name}"):
-        verdict = verify(recording)
-    judge_signature(verdict, recording, trusted, str(key), signature)
-    return recording, verdict
+        return recording, verify(recording)
 
 
 @click.command("verify")
 @click.argument("run", type=click.Path(path_type=Path))
-@file_option(
-    "--key",
-    metavar="PUBLIC",
-    help="The public Ed25519 key that must have signed it, as made by ssh-keygen.",
-)
-@file_option(
-    "--signature",
-    help="The signature.  [default: RUN.sig, beside the recording]",
-)
 @json_option(Verification)
 @click.pass_context
-def command(
-    ctx: click.Context, run: Path, key: Path | None, signature: Path | None, as_json: bool
-) -> None:
+def command(ctx: click.Context, run: Path, as_json: bool) -> None:
     """Recompute every command of a recorded run and, where time was exact, every state.
 
-    Exit code 0: verified; 1: something diverges, was altered, contradicts itself or is not signed by
-    --key; 2: inconclusive, as something is missing. What no check covers is listed.
+    Exit code 0: verified; 1: something diverges, was altered or contradicts itself; 2: inconclusive, as
+    something is missing. What no check covers is listed.
     """
-    recording, verdict = judged(run, key, signature)
+    recording, verdict = judged(run)
     recorded = RecordedRun(recording)
     result = verification(recorded, verdict)
     if as_json:
@@ -78,8 +54,6 @@ def command(
     for line in Doubts(silent=silence(recorded) or None, refused=tuple(refused(recorded))).lines:
         click.echo(line)
     click.echo(f"{run}: {result.verdict}")
-    if result.signature and (result.signature.trusted_key or result.signature.refuted):
-        click.echo(f"  {result.signature.describe()}")
     for obstacle in result.obstacles:
         click.echo(f"  obstacle: {obstacle}")
     if result.extent:

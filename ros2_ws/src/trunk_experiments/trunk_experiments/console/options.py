@@ -97,11 +97,6 @@ class Name(click.Choice[str]):
         return str(value)
 
 
-def file_option(*names: str, help: str, metavar: str = "FILE") -> Callable[[Function], Function]:  # noqa: A002
-    """Return an option whose value is a path."""
-    return click.option(*names, type=click.Path(path_type=Path), metavar=metavar, help=help)
-
-
 def jobs_option(text: str) -> Callable[[Function], Function]:
     """Return a decorator that adds ``--jobs``, None for as many as `workers.cores`."""
     text += "  [default: one per core that may be used]"

@@ -37,7 +37,7 @@ MOST_STEPS = 4_000_000  # of the integrator, likewise
 _FAR_NS, _FAR_STEPS = NANOSECONDS, 100
 
 
-Word = Literal["verified", "diverges", "inconclusive", "not signed"]  # of a verdict
+Word = Literal["verified", "diverges", "inconclusive"]  # of a verdict
 
 
 class Beyond(NamedTuple):

@@ -21,44 +21,12 @@ __all__ = [
     "UNJUDGED",
     "VERIFIED",
     "Check",
-    "SignatureCheck",
     "Verdict",
     "Verification",
     "verification",
 ]
 
 VERIFIED, DIVERGES, UNJUDGED = 0, 1, 2
-_ORIGIN = "the origin (scenario, commit, host, time): covered by"
-ORIGIN = f"{_ORIGIN} digests alone"
-ORIGIN_SIGNED = f"{_ORIGIN} digests and the signature; the signer vouches for it"
-
-
-@dataclass(frozen=True)
-class SignatureCheck:
-    """Whether a signature is of this content, and by the key that was asked for."""
-
-    file: str
-    valid: bool
-    trusted_key: Annotated[str | None, "The name of that key's file; null: any key will do"]
-    fingerprint: Annotated[str | None, "Of the trusted key, or else of the signature's"]
-    fault: Annotated[str | None, "Why it does not count"] = None
-    other_content: Annotated[bool, OMITTED] = (
-        False  # whole, by the right key, but of something else
-    )
-
-    @property
-    def refuted(self) -> bool:
-        """True if the signature is of other content, or does not count although a key was given."""
-        return not self.valid and (self.other_content or self.trusted_key is not None)
-
-    def describe(self) -> str:
-        """Return the finding as one line."""
-        if self.trusted_key is not None:
-            who = f"{self.fingerprint} ({self.trusted_key})"
-            return f"not signed by {who}: {self.fault}" if self.fault else f"signed by {who}"
-        if self.fault:
-            return f"signature: {self.fault}"
-        return f"signed by key {self.fingerprint} ({self.file}); --key PUBLIC checks whose it is"
 
 
 @dataclass
@@ -77,12 +45,11 @@ class Verdict:
     unjudged: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     judged: str = ""  # the run in a few words
-    signature: SignatureCheck | None = None  # None: not asked for, and there is none
 
     @property
     def exit_code(self) -> int:
-        """0: verified, 1: it diverges or is not signed as asked, 2: inconclusive."""
-        if self.diverges or (self.signature and self.signature.refuted):
+        """0: verified, 1: it diverges, 2: inconclusive."""
+        if self.diverges:
             return DIVERGES
         return UNJUDGED if self.obstacles or not self._judged else VERIFIED
 
@@ -92,15 +59,12 @@ class Verdict:
 
     @property
     def diverges(self) -> bool:
-        """True if something differs from what was computed, recorded elsewhere, or signed."""
-        differs = self.altered or self.contradictions or any(c.wrong_steps for c in self.checks)
-        return bool(differs or (self.signature and self.signature.other_content))
+        """True if something differs from what was computed, or recorded elsewhere."""
+        return bool(self.altered or self.contradictions) or any(c.wrong_steps for c in self.checks)
 
     @property
     def word(self) -> Word:
-        """The verdict in a word or two."""
-        if self.exit_code == DIVERGES and not self.diverges:
-            return "not signed"
+        """The verdict in a word."""
         words: tuple[Word, ...] = ("verified", "diverges", "inconclusive")
         return words[self.exit_code]
 
@@ -112,7 +76,6 @@ class Verdict:
             *self.contradictions,
             *self.obstacles,
             *(f"{check.name}: {describe(check.first[0])}" for check in self.checks if check.first),
-            *([self.signature.describe()] if self.signature and self.signature.refuted else []),
         ]
 
 
@@ -131,7 +94,7 @@ class CheckedPart(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Verification(RecordingResult, document="verify-1"):
+class Verification(RecordingResult, document="verify-2"):
     """What recomputing a recording found: the document of ``trunk verify``.
 
     Made by `verify`. ``reasons``: why it is not verified, one line each; empty if it is.
@@ -145,7 +108,6 @@ class Verification(RecordingResult, document="verify-1"):
     obstacles: Annotated[Sequence[str], "Why the run cannot be judged as a whole"]
     not_judged: Annotated[Sequence[str], "What no check looks at"]
     notes: Annotated[Sequence[str], "What else there is to know"]
-    signature: Annotated[SignatureCheck | None, "null: neither asked for nor there"]
     reasons: Annotated[Sequence[str], OMITTED]
 
     @property
@@ -200,6 +162,5 @@ def verification(run: RecordedRun, verdict: Verdict) -> Verification:
         obstacles=[*map(bounded, verdict.obstacles)],
         not_judged=[*map(bounded, verdict.unjudged)],
         notes=[*map(bounded, verdict.notes)],
-        signature=verdict.signature,
         reasons=[*map(bounded, verdict.reasons)],
     )

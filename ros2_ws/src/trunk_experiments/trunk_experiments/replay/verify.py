@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 
 import numpy as np
@@ -17,6 +18,7 @@ from trunk_msgs_util.provenance import (
 )
 from trunk_msgs_util.recording.joint_table import Integers
 from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.text import shell_words
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, NODES, unknown_controllers
@@ -28,7 +30,7 @@ from .doubts import silence
 from .in_force import check_disturbances, check_inputs
 from .invariants import contradictions
 from .rerun import Rerun
-from .verdict import DIVERGES, ORIGIN, UNJUDGED, VERIFIED, Check, Verdict
+from .verdict import DIVERGES, UNJUDGED, VERIFIED, Check, Verdict
 
 __all__ = [
     "DIVERGES",
@@ -61,6 +63,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
     verdict.notes += [run.branch.describe()] if run.branch else []
     verdict.notes += filter(None, [another_version(recording.provenance)])
     verdict.notes += _other_packages(run)
+    verdict.notes += _signatures(recording)
     if uncovered := recording.undigested():
         verdict.obstacles.append(f"no digests of {', '.join(uncovered)}: an edit would not show")
     if reason := _unjudgeable(run):
@@ -89,6 +92,17 @@ def verdict_on(run: RecordedRun) -> Verdict:
         f"{kind} is the node {recording.topic(kind)}" for kind in sorted(recording.renamed)
     ]
     return verdict
+
+
+def _signatures(recording: Recording) -> Iterator[str]:
+    """Tell of each signature beside a recording what checks it: no verdict depends on one."""
+    for path in recording.files:
+        for signature in sorted({f"{path}.sig", str(path.with_suffix(".sig"))}):
+            if os.path.lexists(signature):
+                yield (
+                    "a signature lies beside it, which is not judged here: ssh-keygen -Y verify -n trunk "
+                    f"-f allowed_signers -I WHO -s {shell_words(signature)} < {shell_words(str(path))}"
+                )
 
 
 def _unjudgeable(run: RecordedRun) -> str:
@@ -379,7 +393,7 @@ def _unjudged(run: RecordedRun) -> list[str]:
             f"the commands and terms of {', '.join(run.controllers)}, another controller: "
             "the states follow from the commands"
         )
-    lines.append(ORIGIN)
+    lines.append("the origin (scenario, commit, host, time): covered by digests alone")
     return lines
 
 

@@ -10,8 +10,8 @@ do not depend on compression or on the limits of chunks:
 - ``metadata``: every metadata record in the order of the file, except the digests themselves;
 - ``header``: profile and library of the file; ``attachments``: how many there are.
 
-They are not a secret: whoever rewrites a recording can write new digests. A signature over them
-(`signing.signature`) says who vouches for it.
+They are not a secret: whoever rewrites a recording can write new digests. Who vouches for a file, its
+signature says.
 """
 
 from __future__ import annotations

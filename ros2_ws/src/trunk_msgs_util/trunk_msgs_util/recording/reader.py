@@ -180,11 +180,7 @@ class Bag:
 
     def undigested(self) -> list[str]:
         """Return the topics and parts that no digest of the recorder covers."""
-        return uncovered(self.digests, self.topics) + self.undigestible()
-
-    def undigestible(self) -> list[str]:
-        """Return the parts that no digest could cover."""
-        return uncoverable(
+        return uncovered(self.digests, self.topics) + uncoverable(
             self.topics,
             sum(file.attachments for file in self._files),
             (name_of(kind) for file in self._files for kind in file.unknown),
