@@ -166,19 +166,18 @@ class ChangedParameter(NamedTuple):
 
 
 def changed_parameters(run: RecordedRun) -> list[ChangedParameter]:
-    """Return the changes while a run went on, by time; at one time in the order of the file."""
-    values: dict[str, dict[str, Value]] = {}
+    """Return the changes while a run went on, by time; at one time by node, in the order of the file."""
     changes = []
-    for change in run.recording.parameter_messages():
-        node = run.recording.relative(change.node)
-        known = values.setdefault(node, {})
-        known.update(change.new)  # at the start of each process
-        t = max(seconds(change.stamp_ns), 0.0)
-        for name, after in change.changed.items():
-            before = known.get(name)
-            words = transition_text(before, after, known)
-            changes.append(ChangedParameter(t, node, name, before, after, words))
-        known.update(change.changed)
+    for node in {run.recording.relative(c.node): c for c in run.recording.parameter_changes()}:
+        process = run.process(node)
+        known = dict(process.parameters) if process else {}
+        for change in run.parameter_changes(node):
+            t = max(seconds(change.stamp_ns), 0.0)
+            for name, after in change.changed.items():
+                before = known.get(name)
+                words = transition_text(before, after, known)
+                changes.append(ChangedParameter(t, node, name, before, after, words))
+            known.update(change.changed)
     return sorted(changes, key=lambda change: change.t)
 
 

@@ -104,14 +104,16 @@ def given_inputs(run: RecordedRun, states: int) -> GivenInputs | None:
     seen: dict[int, float] = {}
     measured, commands = run.table(topics.JOINT_STATES), run.table(topics.EFFORT_COMMAND)
     for name in run.judgeable:
-        first, *others = run.processes(name)
-        rows = first.rows(commands)
+        acted, *others = sorted(
+            run.processes(name), key=lambda process: process is not run.process(name)
+        )
+        rows = acted.rows(commands)
         if any((p.stamps(commands) < states * period_ns).any() for p in others):
             raise _refused(run, f"{name} was restarted")
         terms = run.table(topics.controller_state(name)).stamp_ns
         answered[name] = np.intersect1d(commands.stamp_ns[rows], terms)
         place = measured.index(run.config(name).joint)
-        for change in first.changes:
+        for change in acted.changes:
             if change.event == Event.ACTIVATED and change.stamp_ns in measured:
                 seen[change.stamp_ns] = measured.get(change.stamp_ns, "position")[place]
     known = np.concatenate([*answered.values(), [-1]])

@@ -19,6 +19,7 @@ from trunk_msgs_util.parameters.declarations import Value, build
 from trunk_msgs_util.recording.joint_table import Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
+from trunk_msgs_util.source import sources_of_inputs
 
 from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.timeline import Change
@@ -190,6 +191,38 @@ def processes_of(run: RecordedRun, node: str) -> list[Process]:
     ]
 
 
+def acted(run: RecordedRun, node: str) -> Process | None:
+    """Return the process whose parameters and changes are the node's: the first of its own that acted.
+
+    Of a node of which none acted it is the first. None: no process is on record.
+    """
+    processes = run.processes(node)
+    if len(processes) < 2:
+        return next(iter(processes), None)
+    if node == "simulator":
+        return simulator_of(run)
+    by_source = {process.source: process for process in processes}
+    return next(filter(None, map(by_source.get, run.sources_in_force)), processes[0])
+
+
+def sources_in_force(run: RecordedRun) -> tuple[str, ...]:
+    """Return the sources of all that acted on the plant of a real-time run, the first to act first."""
+    table = run.table(topics.PLANT_INPUTS)
+    if table.names != topics.INPUT_NAMES or not table.width("velocity"):
+        return ()
+    rows = simulator_of(run).rows(table)
+    ages, frame = table.values("velocity")[rows], table.frame[rows]
+    first: dict[str, int] = {}
+    for place, text in enumerate(table.frames):
+        _, *sources = sources_of_inputs(text) or ("", "", "")
+        for source, column in zip(sources, (0, 1), strict=True):
+            held = (frame == place) & (ages[:, column] >= 0.0)
+            if held.any():
+                row = int(np.argmax(held))
+                first[source] = min(row, first.get(source, row))
+    return tuple(sorted(first, key=first.__getitem__))
+
+
 def simulator_of(run: RecordedRun) -> Process:
     """Return the process of the simulator whose run it is: the first that started."""
     processes = run.processes("simulator")
@@ -220,8 +253,9 @@ def _only_process(run: RecordedRun, node: str, name: str) -> Process:
                 break
             current = process
         mine.append(event)
-    parameters = run.parameters.get(node, {})
-    return Process(node, "", str(run.path), parameters, mine, run.parameter_changes(node))
+    parameters = run.recording.parameters().get(name, {})
+    changed = [change for change in run.recording.parameter_changes() if change.node == name]
+    return Process(node, "", str(run.path), parameters, mine, changed)
 
 
 def is_whole(run: RecordedRun, process: Process) -> bool:

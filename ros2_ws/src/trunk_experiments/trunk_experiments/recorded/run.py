@@ -130,11 +130,27 @@ class RecordedRun:
 
     @cached_property
     def parameters(self) -> Mapping[str, Mapping[str, Value]]:
-        """Every node's parameters at the start, by its kind, or else by its name in the run's namespace."""
-        return {
+        """Every node's parameters at the start, by its kind, or else by its name in the run's namespace.
+
+        Of several processes of a node they are those of the one that acted.
+        """
+        first = {
             self.recording.relative(name): values
             for name, values in self.recording.parameters().items()
         }
+        if not self.real_time:
+            return first
+        acting = {name: self.process(name) for name in first if len(self.processes(name)) > 1}
+        return first | {name: process.parameters for name, process in acting.items() if process}
+
+    @cached_property
+    def sources_in_force(self) -> Sequence[str]:
+        """The sources of all that acted on the plant, the first to act first; none in simulated time."""
+        from .processes import sources_in_force
+
+        with suppress(RecordingError):  # whoever needs these messages reports it
+            return sources_in_force(self)
+        return ()
 
     @cached_property
     def external(self) -> str:
@@ -159,7 +175,8 @@ class RecordedRun:
     @cached_property
     def _taken(self) -> Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]:
         """The joints and quantities that a plant of ours gives or takes by topic; none without one."""
-        joints = self.parameters.get("simulator", {}).get("joints")
+        simulator = self.process("simulator")  # known without its messages
+        joints = simulator.parameters.get("joints") if simulator else None
         if not isinstance(joints, tuple) or len(joints) != 2:
             return {}
         hip, trunk = map(str, joints)
@@ -342,10 +359,10 @@ class RecordedRun:
             self._configs[node] = build(NODES[node].config, self.parameters[node])
         return self._configs[node]
 
-    def parameter_changes(self, node: str) -> list[ParameterChange]:
+    def parameter_changes(self, node: str) -> Sequence[ParameterChange]:
         """Return a node's changes of parameters in file order."""
-        name = self.recording.topic(node)
-        return [change for change in self.recording.parameter_changes() if change.node == name]
+        process = self.process(node)
+        return process.changed if process else ()
 
     def processes(self, node: str) -> list[Process]:
         """Return the processes that a node had, in the order of their events and parameters."""
@@ -355,10 +372,16 @@ class RecordedRun:
             self._processes[node] = processes_of(self, node)
         return self._processes[node]
 
+    def process(self, node: str) -> Process | None:
+        """Return the process of a node that acted in the run; None if none is on record."""
+        from .processes import acted
+
+        return acted(self, node)
+
     def changes(self, node: str) -> list[Change]:
-        """Return the changes in a node's first process: see `Process.changes`."""
-        processes = self.processes(node)
-        return processes[0].changes if processes else []
+        """Return the changes in a node's process: see `Process.changes`."""
+        process = self.process(node)
+        return process.changes if process else []
 
     def timeline(self, node: str) -> Timeline:
         """Return a node's configuration at the start and its changes during the run."""

@@ -91,11 +91,11 @@ def _task(view: RunView) -> dict[str, Value]:
         if node in CONTROLLERS:
             task |= _chosen("controller", values, _OF_CONTROLLER)
     later: dict[str, list[object]] = {}
-    for change in view.recording.parameter_changes():
-        node = view.recording.relative(change.node)
+    for node in view.parameters:
         role = "controller" if node in CONTROLLERS else node
-        for name, value in _chosen(role, change.changed, _LATER.get(role, ())).items():
-            later.setdefault(name, [task.get(name)]).append((change.stamp_ns, value))
+        for change in view.run.parameter_changes(node):
+            for name, value in _chosen(role, change.changed, _LATER.get(role, ())).items():
+                later.setdefault(name, [task.get(name)]).append((change.stamp_ns, value))
     return {**task, **{name: str(values) for name, values in later.items()}}
 
 
