@@ -19,7 +19,7 @@ NODES = (SIMULATOR, DISTURBANCE, CONTROLLER, RECORDER)
 PROCESSES = (*NODES, RUNNER)
 SIGINT, SIGTERM, SIGKILL, SIGSTOP = "SIGINT", "SIGTERM", "SIGKILL", "SIGSTOP"
 SIGNALS = (SIGINT, SIGTERM, SIGKILL, SIGSTOP)  # SIGSTOP: followed by SIGCONT
-ORPHANED = "SIGSTOP for good, and the runner SIGKILL"
+ORPHANED = "SIGSTOP, and the runner SIGKILL"
 ASKING = (SIGINT, SIGTERM)
 STARTING, RUNNING, STOPPING = "starting", "running", "stopping"
 PHASES = (STARTING, RUNNING, STOPPING)
@@ -117,15 +117,7 @@ ROWS = (
     ),
     Row((STOPPING,), (RUNNER,), (SIGKILL,), -9, "", Recording.WHOLE),
     Row((STARTING,), NODES, (ORPHANED,), -9, "", Recording.NONE),
-    Row(
-        (RUNNING,),
-        (SIMULATOR, DISTURBANCE, CONTROLLER),
-        (ORPHANED,),
-        -9,
-        "",
-        Recording.INCOMPLETE,
-    ),
-    Row((RUNNING,), (RECORDER,), (ORPHANED,), -9, "", Recording.CUT),
+    Row((RUNNING,), NODES, (ORPHANED,), -9, "", Recording.INCOMPLETE),
 )
 
 CELLS = (

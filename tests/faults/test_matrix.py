@@ -135,6 +135,8 @@ def test_cell(
     if cell.signal == matrix.ORPHANED:
         send(signal.SIGSTOP)
         run.child.send(signal.SIGKILL)
+        until(lambda: len(children.pids()) <= 1, "all others have ended")
+        send(signal.SIGCONT)
     else:
         send(getattr(signal, cell.signal))
     if cell.signal == matrix.SIGSTOP:

@@ -1,12 +1,9 @@
 """The order in which a run's processes are stopped, and how long that takes, by a clock of the test."""
 
 import signal
-import subprocess
-from functools import partial
 
 import pytest
 
-from trunk_experiments.runs.guardian import Guardian
 from trunk_experiments.runs.node_processes import stop
 
 PROMISE_S = 10.0  # docs/faults.md
@@ -68,15 +65,3 @@ def test_all_are_stopped_at_once_and_the_recorder_last(
         min(process.takes_s, process.told.get(signal.SIGKILL, HANGS)) for process in first
     )
     assert clock.now_s < PROMISE_S - NOTICED_S
-
-
-@pytest.mark.slow
-def test_the_guardian_stops_what_a_runner_leaves_whatever_lies_about(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name in ("select", "signal", "socket"):  # modules that it imports
-        (tmp_path / f"{name}.py").write_text("raise SystemExit")
-    with Guardian() as guardian:
-        enlist = partial(guardian.watch_me, last=False)
-        left = subprocess.Popen(["sleep", "600"], preexec_fn=enlist)  # noqa: PLW1509
-        guardian._socket.close()  # as by a runner that is killed
-        assert left.wait() == -signal.SIGINT

@@ -6,7 +6,6 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +18,6 @@ from trunk_msgs_util.recording.schemas import RunEvent
 from ..errors import RunError, StoppedError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
-from .guardian import Guardian
 from .node_processes import ALL_S, Interrupt, NodeProcess, find_executable, stop
 from .run_files import RunFiles
 
@@ -65,26 +63,19 @@ def run_graph(
     plan = files.record(plan)
     running: dict[str, NodeProcess] = {}
     names = list(plan.configs)
-    guardian = Guardian()  # first: it may fail, and would leave the signals' handlers replaced
     interrupt = Interrupt()
     try:
         for process in [COMPOSED] if composed else order or names:
             package = "trunk_experiments" if composed else NODES[process].package
             command = [str(find_executable(package, process)), *(names if composed else [])]
-            running[process] = NodeProcess.start(
-                process,
-                command,
-                files.parameters,
-                files.log(process),
-                partial(guardian.watch_me, last=process in _LAST),
-            )
+            log = files.log(process)
+            running[process] = NodeProcess.start(process, command, files.parameters, log)
         from .monitor_node import Monitor  # here: no threads while processes start
 
         with Monitor() as monitor:
             heard, stopped_by = _watch(plan, running, monitor, progress, interrupt, over, tell)
     finally:
         killed = _stop_all(running)
-        guardian.close()
         if line := files.describe():
             tell(f"trunk: warning: {line}")
         interrupt.restore()

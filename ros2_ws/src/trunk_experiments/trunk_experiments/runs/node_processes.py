@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import BinaryIO, Protocol, TypeVar
+from typing import BinaryIO
 
 from trunk_msgs_util.cpu_deadline import CpuDeadline
 from trunk_msgs_util.node import early_signals
@@ -74,14 +74,12 @@ def check_nodes_installed() -> None:
     find_executable("trunk_sim", "simulator")
 
 
-def _child_of(parent: int, enlist: Callable[[], None]) -> Callable[[], None]:
+def _child_of(parent: int) -> Callable[[], None]:
     def prepare() -> None:
         # System calls, which take no lock: safe between fork and exec.
         # A run that is killed must not leave its nodes behind, not even at this moment.
-        # The guardian stops nodes that hang.
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
         early_signals.block()  # the executable takes them once it can
-        enlist()
         if os.getppid() != parent:
             os._exit(0)
 
@@ -99,18 +97,8 @@ class NodeProcess:
     identity: str  # as `process_id` gives it
 
     @classmethod
-    def start(
-        cls,
-        name: str,
-        command: Sequence[str],
-        parameters: Path,
-        log: Path,
-        enlist: Callable[[], None] = lambda: None,
-    ) -> NodeProcess:
-        """Start a node by a command; stdout and stderr go to ``log``.
-
-        ``enlist`` is called in the new process before it becomes the executable.
-        """
+    def start(cls, name: str, command: Sequence[str], parameters: Path, log: Path) -> NodeProcess:
+        """Start a node by a command; stdout and stderr go to ``log``."""
         words = [*command, "--ros-args", "--params-file", str(parameters)]
         with log.open("wb") as stream:
             output = log.open("rb")
@@ -120,7 +108,7 @@ class NodeProcess:
                 stdout=stream,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,  # Ctrl-C reaches the runner alone, which stops in order
-                preexec_fn=_child_of(os.getpid(), enlist),  # noqa: PLW1509
+                preexec_fn=_child_of(os.getpid()),  # noqa: PLW1509
             )
         return cls(name, process, log, output, process_id(process.pid))
 
@@ -165,30 +153,12 @@ ALL_S = 8.0
 _POLL_S = 0.02
 
 
-class Stoppable(Protocol):
-    """A process, as far as it is to be stopped."""
-
-    @property
-    def pid(self) -> int:
-        """Its id, while it has not been waited for."""
-
-    @property
-    def ended(self) -> bool:
-        """True once it has ended."""
-
-    def signal(self, number: int) -> None:
-        """Send a signal where the process still runs."""
-
-
-Ending = TypeVar("Ending", bound=Stoppable)
-
-
 def stop(
-    first: Sequence[Ending],
-    last: Sequence[Ending],
+    first: Sequence[NodeProcess],
+    last: Sequence[NodeProcess],
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
-) -> list[Ending]:
+) -> list[NodeProcess]:
     """Tell all of ``first`` to end, and ``last`` when they have; kill those that do not.
 
     ``last`` is the recorder: it has to record the others' last messages. Return those that had to be killed;
@@ -200,8 +170,8 @@ def stop(
 
 
 def _end(
-    processes: Sequence[Ending], limits: Sequence[CpuDeadline], sleep: Callable[[float], None]
-) -> list[Ending]:
+    processes: Sequence[NodeProcess], limits: Sequence[CpuDeadline], sleep: Callable[[float], None]
+) -> list[NodeProcess]:
     for process in processes:
         process.signal(signal.SIGINT)
     while hung := _left(processes):
@@ -217,7 +187,7 @@ def _end(
     return hung
 
 
-def _left(processes: Sequence[Ending]) -> list[Ending]:
+def _left(processes: Sequence[NodeProcess]) -> list[NodeProcess]:
     return [process for process in processes if not process.ended]
 
 
