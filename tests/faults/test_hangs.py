@@ -31,7 +31,7 @@ ALL = tuple(f"{name} STOP" for name in ("simulator", "disturbance", "fuzzy_pid",
 HANGS = {
     # After some seconds the runner, too, knows that it has started.
     "the simulator": Hang(
-        ("simulator STOP",), "the run ended because simulator has sent nothing for 5 s$", (), 3000
+        ("simulator STOP",), "the run ended because simulator has sent nothing for 20 s$", (), 3000
     ),
     "all others, and the simulator is killed": Hang(
         (*ALL[1:], "simulator KILL"), "the run ended because simulator was ended by SIGKILL"
@@ -98,6 +98,6 @@ def test_recorder_hangs_at_the_end(children: Children, tmp_path: Path) -> None:
     assert run.wait() == 1, run.stderr
     children.none_left()
     assert run.stderr.splitlines()[-1] == (
-        "trunk: error: the recording is not whole: recorder did not end within 8 s and was killed"
+        "trunk: error: the recording is not whole: recorder did not end within 32 s and was killed"
     )
     assert not Recording.open(tmp_path / "run" / "run.mcap").complete

@@ -25,6 +25,7 @@ from .matrix import CELLS, MODES, PHASES, PROCESSES, RUNNING, SIGNALS, STARTING,
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 PERIOD_NS = 5_000_000
 HOLD_S = 1.5  # between SIGSTOP and SIGCONT
+ALL = os.environ.get("TRUNK_FAULTS") == "all"
 LONG_S = 3600  # more than any test waits for: such a run ends by its fault
 OPTIONS = {"real time": (), "lock-step": ("--lockstep", "--speed", "1")}
 
@@ -57,12 +58,9 @@ class Run:
         if self.ends_by_fault and cell.phase != STOPPING:
             self.duration = LONG_S
         self.folder = children.folder / "run"
-        # A stop that ends is shorter than any limit, but a busy machine may take long to make up for it.
-        patient = ("--set", "simulator.lockstep.timeout=300") if cell.signal == "SIGSTOP" else ()
         self.child: Child = children.trunk(
             *("run", "demo", "--duration", self.duration, "--output", "run"),
             *OPTIONS[cell.mode],
-            *patient,
         )
 
     def reach(self) -> Callable[[int], None]:
@@ -123,12 +121,18 @@ def logs(folder: Path) -> str:
 @pytest.mark.one_in(6)
 @pytest.mark.parametrize(
     "cell",
-    CELLS if os.environ.get("TRUNK_FAULTS") == "all" else matrix.selection(),
+    CELLS if ALL else matrix.selection(),
     ids=str,
 )
 def test_cell(
-    cell: Cell, children: Children, peer: Peer, record_property: Callable[[str, object], None]
+    cell: Cell,
+    children: Children,
+    peer: Peer,
+    record_property: Callable[[str, object], None],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    if ALL:  # it is seen how long everything takes
+        monkeypatch.setenv("TRUNK_PATIENCE", "1")
     run = Run(cell, children, peer)
     send = run.reach()
     began = time.monotonic()

@@ -17,14 +17,14 @@ import pytest
 
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.runs.node_processes import find_executable
-from trunk_msgs_util.cpu_deadline import CpuDeadline
+from trunk_msgs_util.deadline import Deadline
 
 from .forked import Forked
 
-# A process that was asked to end, directly or by its parent, may take this long; while a busy machine holds
-# it up, no time counts.
+# A process that was asked to end, directly or by its parent, may take this long.
 _LEFT_S = 300.0
 _TOKEN = "TRUNK_TEST_TOKEN"
+_PATIENCE = "4"  # of a run, which a busy machine may hold up
 # For `trunk params`: its own limit is shorter than a busy machine may hold a node up.
 PATIENT = ("--timeout", 600)
 
@@ -128,7 +128,9 @@ class Children:
 
     def trunk(self, *arguments: object, name: str = "trunk") -> Child:
         """Start the ``trunk`` command."""
-        return self.fork(name, find_executable("trunk_experiments", "trunk"), *arguments)
+        with pytest.MonkeyPatch.context() as environment:
+            environment.setenv("TRUNK_PATIENCE", os.environ.get("TRUNK_PATIENCE", _PATIENCE))
+            return self.fork(name, find_executable("trunk_experiments", "trunk"), *arguments)
 
     def fork(self, name: str, *command: object) -> Child:
         """Start one of our executables without loading it anew, but for one that goes through a command."""
@@ -172,8 +174,8 @@ class Children:
 
     def close(self, failed: bool = False) -> None:
         """Fail the test where something has to be killed; where it has failed, kill at once."""
-        deadline = CpuDeadline(0.0 if failed else _LEFT_S)
-        while (left := self.pids()) and not deadline.spent(left):
+        deadline = Deadline(0.0 if failed else _LEFT_S)
+        while (left := self.pids()) and not deadline.passed:
             time.sleep(0.02)
         for pid in left:
             with suppress(ProcessLookupError):

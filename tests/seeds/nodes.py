@@ -18,7 +18,6 @@ from trunk_control.laws import law_named
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan
 from trunk_msgs_util import provenance, source
-from trunk_msgs_util.cpu_deadline import SchedulingDelay
 from trunk_msgs_util.node.recorder_node import RecorderNode
 from trunk_msgs_util.node.run import run_nodes
 from trunk_msgs_util.parameters.declarations import declarations, values_of
@@ -131,7 +130,6 @@ def _gather(**told: str) -> dict[str, str]:
 
 
 provenance.gather = _gather
-SchedulingDelay.between = lambda self, pids, wall_ns: 0  # type: ignore[method-assign]
 
 
 def call(world: World, *asked: Request) -> None:

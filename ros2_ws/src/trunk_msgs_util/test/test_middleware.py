@@ -14,7 +14,6 @@ from trunk_msgs_util.node.middleware import (
     PROFILES_FILE,
     MiddlewareError,
     check_settings,
-    patience,
     prepare,
 )
 
@@ -132,10 +131,6 @@ def test_a_host_that_cannot_reach_itself_is_named(monkeypatch, home, tmp_path):
         prepare(tmp_path)
     monkeypatch.setattr(os, "environ", home | {PROFILES_FILE: "my.xml"})
     prepare(tmp_path)  # it may use shared memory
-
-
-def test_the_patience_of_nodes_that_end():
-    assert [patience({}), patience({"TRUNK_PATIENCE": "2.5"})] == [1.0, 2.5]
 
 
 @pytest.fixture

@@ -6,8 +6,6 @@ H = 1_000_000  # ns, its period
 class CountingLoop:
     """A plant that only counts."""
 
-    held_up = 0  # percent of the time in which a participant is silent
-
     def __init__(self, steps=None):
         self.stamp_ns, self.period_ns, self.steps = 0, H, steps
         self.efforts, self.counts = [], {}
@@ -29,9 +27,6 @@ class CountingLoop:
 
     def participant(self, topic):
         return f"/node ({topic})"
-
-    def scheduling_delay_ns(self, topics, wall_ns):
-        return self.held_up * wall_ns // 100 if topics else 0
 
     def count(self, kind, number=1):
         assert isinstance(number, int)

@@ -118,18 +118,14 @@ def test_silence_ends_the_run_and_the_error_names_the_silent():
     assert "t = 0.001 s" in loop.failure
 
 
-@pytest.mark.parametrize(("held_up", "ticks"), [(0, 101), (50, 167), (100, None)])
-def test_time_in_which_a_participant_was_held_up_does_not_count(held_up, ticks):
+def test_a_patient_machine_waits_longer(monkeypatch):
+    monkeypatch.setenv("TRUNK_PATIENCE", "3")
     loop, pacing = lockstep()
-    loop.held_up = held_up
     pacing.begin(0)
-    failed = None
-    for tick in range(1, 1000):
-        pacing.tick(tick * 10_000_000)  # 100 of them are the timeout
-        if loop.failure:
-            failed = tick
-            break
-    assert failed == ticks
+    pacing.tick(3_000_000_000)  # the timeout is 1 s
+    assert loop.failure is None
+    pacing.tick(3_000_000_001)
+    assert "lockstep.timeout = 1 s" in loop.failure
 
 
 def test_an_answer_restarts_the_wait():

@@ -175,13 +175,3 @@ def test_a_ready_node_is_met_once_its_publisher_has_a_name_and_it_subscribes():
     assert those.unmet(topic, 1, {"/pid"}, {"/recorder"})
     assert not those.unmet(topic, 1, {"/pid"}, {"/pid", "/recorder"})
     assert not those.unmet(topic, 0, set(), set())  # it has gone: nobody is left to wait for
-
-
-def test_the_processes_of_answering_nodes_are_known_if_they_reported_them():
-    those = participants()
-    those.hear("/pid", "configured", {"process": "boot.1.1"})
-    those.hear("/idle", "configured", {"process": "boot.2.2"})
-    for node in ("/pid", "/foreign"):
-        those.hear(node, "ready", {"answers": "effort_command"})
-    assert those.processes("effort_command") == ["boot.1.1"]
-    assert those.processes("disturbance") == []

@@ -305,8 +305,8 @@ class SimulatorConfig(ManagedConfig):
     )
     lockstep_timeout: float = parameter(
         "lockstep.timeout",
-        5.0,
-        "A participant silent for this long ends the run",
+        30.0,
+        "A participant silent for this long, times TRUNK_PATIENCE, ends the run",
         unit="s",
         above=0.0,
         maximum=3600.0,

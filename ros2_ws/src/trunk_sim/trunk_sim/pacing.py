@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Protocol
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.cpu_deadline import READ_FROM
+from trunk_msgs_util.deadline import patience
 from trunk_msgs_util.source import ARRIVAL, CLOCK_STAMP, NO_STAMP, ODD_STAMP
-from trunk_msgs_util.units import NANOSECONDS, nanoseconds, seconds
+from trunk_msgs_util.units import nanoseconds, seconds
 
 from .config import SimulatorConfig
 from .inputs import NO_COMMAND, Command
@@ -65,9 +65,6 @@ class Loop(Protocol):
 
     def participant(self, topic: str) -> str:
         """Return who answers on a topic, as readable text."""
-
-    def scheduling_delay_ns(self, topics: Sequence[str], wall_ns: int) -> int:
-        """Return for how much of the last ``wall_ns`` the nodes that answer on these topics could not run."""
 
 
 class Pacing(ABC):
@@ -267,12 +264,11 @@ class LockstepPacing(Pacing):
         super().__init__(loop)
         self._windows = dict(windows)
         self._timeout = timeout
+        self._timeout_ns = nanoseconds(timeout * patience())
         self._speed = speed
         self._answered = dict.fromkeys(windows, -1)
         self._effort = 0.0
-        self._waiting_since_ns: int | None = None
-        self._waited_since_ns: int | None = None  # as of the last tick
-        self._waited_ns = self._ticked_ns = 0
+        self._waiting_since_ns = 0
         self._unstamped = 0  # commands without a stamp since the last answer
 
     def _wall(self, duration_ns: int) -> int:
@@ -354,7 +350,7 @@ class LockstepPacing(Pacing):
         silent = self.silent()
         if not silent:
             self._advance(now_ns)
-        elif self._waiting_since_ns is not None and self._gives_up(silent, now_ns):
+        elif now_ns - self._waiting_since_ns > self._timeout_ns:
             unstamped = ""
             if self._unstamped and topics.EFFORT_COMMAND in silent:
                 unstamped = (
@@ -366,17 +362,6 @@ class LockstepPacing(Pacing):
                 f"t = {seconds(self._loop.stamp_ns):g} s within lockstep.timeout = "
                 f"{self._timeout:g} s{unstamped}"
             )
-
-    def _gives_up(self, silent: Sequence[str], now_ns: int) -> bool:
-        """Return True if these could have answered in time: no busy machine held them up."""
-        if self._waited_since_ns != self._waiting_since_ns:
-            self._waited_since_ns = self._ticked_ns = self._waiting_since_ns or 0
-            self._waited_ns = 0
-        wall_ns, self._ticked_ns = now_ns - self._ticked_ns, now_ns
-        timeout_ns = self._timeout * NANOSECONDS
-        soon = self._waited_ns < timeout_ns * READ_FROM
-        self._waited_ns += wall_ns - self._loop.scheduling_delay_ns(() if soon else silent, wall_ns)
-        return self._waited_ns > timeout_ns
 
 
 def make_pacing(loop: Loop, config: SimulatorConfig) -> Pacing:

@@ -65,7 +65,7 @@ class Participants:
         self._hearing = hearing
         self._heard: set[str] = set()  # nodes of which an event has arrived
         self._ready: dict[str, set[str]] = {}  # topic -> nodes that answer on it
-        self._processes: dict[str, str] = {}  # node -> its process, as it reports it
+        self._configured: set[str] = set()  # nodes that report about themselves
         self._inactive: set[str] = set()
         self._unready: set[str] = set()  # were ready once but have reopened their topics since
         self._matched_since: dict[str, float] = {}
@@ -76,7 +76,7 @@ class Participants:
         """Process a node's event on ``run/events``."""
         self._heard.add(node)
         if message == Event.CONFIGURED:
-            self._processes[node] = values.get("process", "")
+            self._configured.add(node)
         if message == Event.READY and "answers" in values:
             self._ready.setdefault(values["answers"], set()).add(node)
             self._unready.discard(node)
@@ -150,7 +150,7 @@ class Participants:
 
     def strangers(self) -> list[str]:
         """Return the publishers of commands that report nothing about themselves."""
-        return [name for name in self._controllers() if name not in self._processes]
+        return [name for name in self._controllers() if name not in self._configured]
 
     def acting(self) -> list[str]:
         """Return the active publishers of commands; those that take turns count as one."""
@@ -170,11 +170,6 @@ class Participants:
             if own in turns:
                 seen.add(own)
         return acting
-
-    def processes(self, topic: str) -> list[str]:
-        """Return the processes of the nodes that answer on a topic, as far as they reported them."""
-        ready = self._ready.get(topic, set())
-        return sorted({self._processes[node] for node in ready if node in self._processes})
 
     def describe(self, topic: str) -> str:
         """Return who answers on a topic, as text for a message."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Sequence
 
@@ -13,7 +12,6 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.cpu_deadline import SchedulingDelay
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import discovery, qos
 from trunk_msgs_util.node.adaptive import AdaptiveSubscription
@@ -29,7 +27,7 @@ from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.run import main_for
 from trunk_msgs_util.node.strangers import near_misses
 from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.source import local_pid, source_in
+from trunk_msgs_util.source import source_in
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
 from .config import SimulatorConfig
@@ -116,7 +114,6 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._referred = False  # has a reference arrived?
         limits = config.operator_limits
         self._operator = None if limits is None else Operator(limits)
-        self._held_up = SchedulingDelay()
         self._diagnosed = (time.monotonic(), 0)
         self._pacing = make_pacing(self, config)
         self.unfinished = ""
@@ -350,15 +347,6 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     def participant(self, topic: str) -> str:
         """Return who answers on a topic, in words for a message."""
         return self._participants.describe(topic)
-
-    def scheduling_delay_ns(self, topics: Sequence[str], wall_ns: int) -> int:
-        """Return how much of the last ``wall_ns`` this node or those answering on the topics could not run.
-
-        A process on another machine cannot be observed: it is taken as having run.
-        """
-        processes = {process for topic in topics for process in self._participants.processes(topic)}
-        pids = {os.getpid(), *filter(None, map(local_pid, processes))} if topics else set()
-        return self._held_up.between(pids, wall_ns)
 
     def _tick(self) -> None:
         if self.exit_code is None:

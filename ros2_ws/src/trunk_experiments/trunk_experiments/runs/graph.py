@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trunk_msgs_util.cpu_deadline import CpuDeadline
+from trunk_msgs_util.deadline import Deadline, patience
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.node import middleware
 from trunk_msgs_util.recording.reader import Recording, RecordingError
@@ -104,10 +103,9 @@ def _watch(
     note: Callable[[str], None],
 ) -> tuple[bool, str]:
     """Return whether it was heard that the run has finished, and who stopped it; empty: nobody."""
-    starting = CpuDeadline(START_TIMEOUT_S)
+    starting, silence, told = Deadline(START_TIMEOUT_S), Deadline(SILENCE_S), 0
     own = {name: (running.get(COMPOSED) or running[name]).identity for name in plan.configs}
     simulator = running.get(COMPOSED) or running["simulator"]
-    silence = _Silence(simulator.pid)
     while simulator.exit_code is None:
         monitor.spin(0.05)
         _pass_on(monitor, note)
@@ -122,10 +120,13 @@ def _watch(
             begun = "; the recording holds the run up to here"
             raise StoppedError(ends, begun if monitor.started else " before the run began")
         _check_alive(running, simulator, monitor)
-        if silence.lasts(monitor):
+        if monitor.told != told or not monitor.started:
+            told = monitor.told
+            silence.restart()
+        if silence.passed:
             simulator.signal(signal.SIGKILL)  # it would not hear anything else
             raise RunError(
-                f"the run ended because {simulator.name} has sent nothing for {SILENCE_S:g} s"
+                f"the run ended because {simulator.name} has sent nothing for {silence.limit_s:g} s"
             )
         if doubled := monitor.doubled(own):
             raise RunError(
@@ -134,9 +135,9 @@ def _watch(
             )
         if plan.external is not None and monitor.waits_for.seen_instead:
             starting.restart()  # everything of ours is there
-        if not monitor.started and starting.spent(_awaited(running, monitor)):
+        if not monitor.started and starting.passed:
             raise RunError(
-                f"the run did not start within {START_TIMEOUT_S:g} s: "
+                f"the run did not start within {starting.limit_s:g} s: "
                 f"{_silent(plan, monitor.ready)}"
             )
         progress(monitor.time)
@@ -170,28 +171,6 @@ def _note_of(node: str, message: str, values: Mapping[str, str]) -> str:
     return ""
 
 
-class _Silence:
-    """How long the simulator has given no sign of life: it may be stopped, or hang."""
-
-    def __init__(self, pid: int) -> None:
-        self._pids = (os.getpid(), pid)  # this process, too, may have to wait for a processor
-        self._patience, self._told = CpuDeadline(SILENCE_S), 0
-
-    def lasts(self, monitor: Monitor) -> bool:
-        if monitor.told != self._told or not monitor.started:
-            self._told = monitor.told
-            self._patience.restart()
-        return self._patience.spent(self._pids)
-
-
-def _awaited(running: dict[str, NodeProcess], monitor: Monitor) -> Iterator[int]:
-    """Return the processes that a run which has not started may be waiting for."""
-    yield os.getpid()
-    for process in running.values():
-        if process.name in ("simulator", COMPOSED) or process.name not in monitor.ready:
-            yield process.pid
-
-
 def _silent(plan: RunPlan, ready: set[str]) -> str:
     """Return which nodes are not ready, and why if that is known."""
     starts = any(controller.autostart for controller in plan.controllers.values())
@@ -209,14 +188,14 @@ def _silent(plan: RunPlan, ready: set[str]) -> str:
 def _end_first(simulator: NodeProcess, monitor: Monitor) -> None:
     """Let the simulator end while all others are there, so that its last state is answered and recorded."""
     simulator.signal(signal.SIGINT)
-    deadline = CpuDeadline(_ENDS_FIRST_S)
-    while simulator.exit_code is None and not deadline.spent([os.getpid(), simulator.pid]):
+    deadline = Deadline(_ENDS_FIRST_S)
+    while simulator.exit_code is None and not deadline.passed:
         monitor.spin(0.05)
 
 
 def _hear_last_words(monitor: Monitor) -> None:
-    deadline = CpuDeadline(0.5)
-    while not (monitor.failure or monitor.finished or deadline.spent([os.getpid()])):
+    deadline = Deadline(0.5)
+    while not (monitor.failure or monitor.finished or deadline.passed):
         monitor.spin(0.05)
 
 
@@ -243,7 +222,7 @@ def _check_recorder(process: NodeProcess, killed: set[str], file: Path) -> None:
     """Report a run that was whole but whose recording has no end; one with an end says what it lacks."""
     if process.name in killed:
         raise RunError(
-            f"the recording is not whole: {process.name} did not end within {ALL_S:g} s "
+            f"the recording is not whole: {process.name} did not end within {ALL_S * patience():g} s "
             "and was killed"
         )
     if process.exit_code != 0 and not _has_end(file):

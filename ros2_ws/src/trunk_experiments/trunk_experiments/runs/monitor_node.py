@@ -23,7 +23,7 @@ class Monitor:
     def __init__(self) -> None:
         self.started = False
         self.finished = False  # the simulator has reported the run as whole
-        self.told = 0  # how often the simulator has given a sign of life
+        self.told = 0  # how often there was a sign of life
         self.ready: set[str] = set()
         self._processes: defaultdict[str, set[str]] = defaultdict(set)  # of each node's name
         # Of each event the node, the message and the values; who has read them clears them.
@@ -65,6 +65,7 @@ class Monitor:
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {v.key: v.value for v in status.values}
+            self.told += 1
             self.events.append((status.name, status.message, values))
             if status.message == Event.STARTED:
                 self.started = True

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import BinaryIO
 
-from trunk_msgs_util.cpu_deadline import CpuDeadline
+from trunk_msgs_util.deadline import Deadline
 from trunk_msgs_util.node import early_signals
 from trunk_msgs_util.source import HeldError, claimed, process_id
 
@@ -113,11 +113,6 @@ class NodeProcess:
         return cls(name, process, log, output, process_id(process.pid))
 
     @property
-    def pid(self) -> int:
-        """The process's id."""
-        return self.process.pid
-
-    @property
     def ended(self) -> bool:
         """True once the process has ended."""
         return self.exit_code is not None
@@ -164,21 +159,17 @@ def stop(
     ``last`` is the recorder: it has to record the others' last messages. Return those that had to be killed;
     none is left running.
     """
-    total = CpuDeadline(ALL_S, clock)
-    killed = _end(first, [CpuDeadline(FIRST_S, clock), total], sleep)
+    total = Deadline(ALL_S, clock)
+    killed = _end(first, [Deadline(FIRST_S, clock), total], sleep)
     return killed + _end(last, [total], sleep)
 
 
 def _end(
-    processes: Sequence[NodeProcess], limits: Sequence[CpuDeadline], sleep: Callable[[float], None]
+    processes: Sequence[NodeProcess], limits: Sequence[Deadline], sleep: Callable[[float], None]
 ) -> list[NodeProcess]:
     for process in processes:
         process.signal(signal.SIGINT)
-    while hung := _left(processes):
-        pids = [process.pid for process in hung]
-        spent = [limit.spent(pids) for limit in limits]
-        if any(spent):
-            break
+    while (hung := _left(processes)) and not any(limit.passed for limit in limits):
         sleep(_POLL_S)
     for process in hung:
         process.signal(signal.SIGKILL)

@@ -16,6 +16,7 @@ from rclpy.timer import Timer
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from .. import topics
+from ..deadline import patience
 from ..errors import EXIT_FAILED, TrunkError
 from ..events import Event
 from ..parameters.config import ManagedConfig
@@ -23,7 +24,7 @@ from ..parameters.declarations import values_of
 from ..samples import Value
 from ..source import HeldError, claimed, is_older, local_pid, process_id, same_machine, source
 from ..text import printable
-from . import middleware, qos, replayable
+from . import qos, replayable
 from .conversions import status_to_ros
 from .discovery import Wait, Waiting
 from .managed import ENDING, ManagedNode
@@ -308,7 +309,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         first = is_older(process_id(), process)
         if first is None:
             waited = time.monotonic() - self._configured_s
-            first = self.leads_a_run or waited > _SETTLED_S * middleware.patience()
+            first = self.leads_a_run or waited > _SETTLED_S * patience()
         if first:
             self.get_logger().warning(
                 f"a second {node} was started, in process {printable(process)}: it ends by itself"
@@ -326,7 +327,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
             return False
         if self._doubled_since_s is None:
             self._doubled_since_s = time.monotonic()
-        return time.monotonic() - self._doubled_since_s < _SPEAKS_S * middleware.patience()
+        return time.monotonic() - self._doubled_since_s < _SPEAKS_S * patience()
 
     def is_second(self, node: str, process: str) -> bool:
         """Return True for the process of a node whose name an older process that is alive has: it ends.

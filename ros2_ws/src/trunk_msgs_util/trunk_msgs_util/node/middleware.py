@@ -8,14 +8,12 @@ import socket
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from functools import cache
 from itertools import count
-from math import inf
 from pathlib import Path
 
+from ..deadline import Deadline, patience
 from ..errors import SettingError, TrunkError
-from ..text import plain_number
 
 PROFILES = Path(__file__).with_name("fastdds.xml")
 PROFILES_FILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
@@ -87,7 +85,7 @@ def _tracing_pages(shared_memory: Path) -> int:
 
 
 _NAMED_SERVER = re.compile(r"([\w.-]+)(:\d+)?")  # not TCPv4:[ADDRESS]:PORT, nor [IPv6]:PORT
-_LOOK_UP_S = 60.0  # multiplied by TRUNK_PATIENCE
+_LOOK_UP_S = 60.0
 
 
 def _with_address(server: str) -> str:
@@ -96,7 +94,7 @@ def _with_address(server: str) -> str:
     if match is None:
         return server
     host, port = match[1], match[2] or ""
-    until_s = time.monotonic() + _LOOK_UP_S * patience()
+    deadline = Deadline(_LOOK_UP_S)
     for tries in count():
         try:
             found = socket.getaddrinfo(host, None, type=socket.SOCK_DGRAM)
@@ -104,7 +102,7 @@ def _with_address(server: str) -> str:
         except (socket.gaierror, UnicodeError) as error:
             why = getattr(error, "strerror", None) or str(error)
             no_answer = getattr(error, "errno", None) == socket.EAI_AGAIN
-        if not no_answer or time.monotonic() > until_s:
+        if not no_answer or deadline.passed:
             raise SettingError(
                 f"{SERVER}={os.environ[SERVER]}: {host} has no address ({why}): give the name or the address "
                 "of a host that runs scripts/discovery_server.sh, or unset it"
@@ -162,20 +160,6 @@ def _check_fast_dds(environment: Mapping[str, str]) -> None:
         named = _NAMED_SERVER.fullmatch(server)  # `prepare` looks it up, more patiently
         _check_host(SERVER, server, "" if named else host, int(port or 0))
     _check_profiles(environment.get(PROFILES_FILE, ""))
-
-
-def patience(environment: Mapping[str, str] = os.environ) -> float:
-    """Return the factor on an ending node's wait for its recorder: TRUNK_PATIENCE, 1 by default.
-
-    Raises SettingError.
-    """
-    text = environment.get("TRUNK_PATIENCE") or "1"
-    with suppress(ValueError):
-        if 0.0 < (factor := plain_number(text)) < inf:
-            return factor
-    raise SettingError(
-        f"TRUNK_PATIENCE={text} is not allowed: a factor above 0 for slow machines, or unset it"
-    )
 
 
 def _check_domain(text: str) -> None:

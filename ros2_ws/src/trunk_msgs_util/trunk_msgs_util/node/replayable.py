@@ -12,7 +12,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from .. import topics
-from . import discovery, middleware, qos
+from ..deadline import patience
+from . import discovery, qos
 
 # A node that ends waits at most this long for the recorder and every other reliable reader to receive
 # what it published; this and the next limit are multiplied by TRUNK_PATIENCE.
@@ -78,12 +79,10 @@ def await_acknowledgement(
     time after the node's start, ``born_s`` (monotonic clock), and after its first message to be recorded:
     wait for it until then.
     """
-    patience = middleware.patience()
     published = [publisher for publisher in publishers if publisher.count]
-    known_s = (
-        max([born_s, *(publisher.began_s for publisher in published)]) + _DISCOVERED_S * patience
-    )
-    deadline = time.monotonic() + _ACKNOWLEDGED_S * patience
+    known_s = max([born_s, *(publisher.began_s for publisher in published)])
+    known_s += _DISCOVERED_S * patience()
+    deadline = time.monotonic() + _ACKNOWLEDGED_S * patience()
     while published and time.monotonic() < deadline:
         heard = [(publisher.named, publisher.recorders()) for publisher in published]
         recorders = set().union(*(nodes for _, nodes in heard))
