@@ -76,6 +76,7 @@ _LEFT = "the run ended because {process} ended with exit code 0"
 _ENDED = "the run ended because {process} ended with exit code"  # 1 once it knows of the run's end
 _CUT_SHORT = "the run ended because {process} ended with exit code 1"
 _KILLED = "the run ended because {process} was ended by SIGKILL"
+_STOPPED = "stopped by {signal}"  # perhaps before the run began
 _TOLD = "stopped by {signal}; the recording holds the run up to here"
 _EARLY = "stopped at t = "
 _NO_END = "the recorder was stopped before the run was finished"
@@ -85,7 +86,7 @@ ROWS = (
     Row((STARTING,), (DISTURBANCE, CONTROLLER), ASKING, 1, _LEFT, Recording.NONE),
     Row((STARTING,), NODES, (SIGKILL,), 1, _KILLED, Recording.NONE),
     *(
-        Row((STARTING,), (RUNNER,), (name,), 128 + Signals[name], _TOLD, Recording.NONE)
+        Row((STARTING,), (RUNNER,), (name,), 128 + Signals[name], _STOPPED, Recording.NONE)
         for name in ASKING
     ),
     Row((STARTING,), (RUNNER,), (SIGKILL,), -9, "", Recording.NONE),
