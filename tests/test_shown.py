@@ -250,6 +250,24 @@ def _of_seven(disturbance: Any) -> None:
     disturbance.effort = np.full(2, 7.0)
 
 
+def terms_of_a_stranger(found: Content) -> None:
+    for message in found.of("/fuzzy_pid/state"):
+        data = in_frame(changed(message[2], partial(_told_at, stamp_at(message[2]))), "")
+        found.messages.insert(found.messages.index(message), [*message[:2], data, *message[3:]])
+    number(found.messages)
+
+
+def a_strangers_last_command(found: Content) -> None:
+    message = found.of("/effort_command")[-1]
+    data = in_frame(changed(message[2], _of_one_n_m), "")
+    found.messages.insert(found.messages.index(message), [*message[:2], data, *message[3:]])
+    number(found.messages)
+
+
+def _of_one_n_m(command: Any) -> None:
+    command.effort = np.ones(1)
+
+
 def inactive_at_the_end(found: Content) -> None:
     """An event says that the controller was made inactive, which it was meant to be."""
     last = found.messages[-1][1]
@@ -266,6 +284,9 @@ CLOSED = [
     ("real_time", ghost("disturbance", "pulse.magnitude", 500.0)),
     ("late", ghost("simulator", "update_rate", 1.0)),
     ("offline", terms_of_another),
+    ("real_time", terms_of_a_stranger),
+    ("real_time", a_strangers_disturbance),
+    ("real_time", a_strangers_last_command),
 ]
 KNOWN = [
     ("offline", fall_at_no_state),
@@ -274,7 +295,6 @@ KNOWN = [
     ("linked", links_of_another_process),
     ("offline", an_external_controller),
     ("real_time", an_external_controller),
-    ("real_time", a_strangers_disturbance),
 ]
 
 

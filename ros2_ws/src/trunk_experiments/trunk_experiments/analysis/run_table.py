@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import inf
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from trunk_msgs_util.units import NANOSECONDS, seconds
 
 from ..recorded.run import RecordedRun
 from .metrics import Metrics, metrics
+
+if TYPE_CHECKING:
+    from ..recorded.inputs import RecordedInputs
 
 _HELD = ("reference", "kp", "ki", "kd", "alpha")
 
@@ -291,8 +295,9 @@ def _last_torque(
 ) -> float:
     """Return the torque over the step from the last of the states, N m, after ``before``.
 
-    It is the command as changed by link and actuator; ``before`` where the record does not show it, and the
-    command itself where the simulator's parameters are not on record, or cannot be used.
+    It is the command as changed by link and actuator, where the plant's inputs are on record the one in
+    force; ``before`` where the record does not show it, and the command itself where the simulator's
+    parameters are not on record, or cannot be used.
     """
     stamp_ns = int(states[-1])
     values = dict(run.parameters.get("simulator", {}))
@@ -301,6 +306,8 @@ def _last_torque(
             values |= change.changed
 
     def command(at_ns: int) -> float:
+        if run.count(topics.PLANT_INPUTS):
+            return float(_inputs(run, states[-1:]).over(slice(None)).command[0])
         return float(matched_at(np.array([at_ns]), stamps, commands)[0])
 
     limit = values.get("max_effort", inf)
@@ -323,7 +330,8 @@ def _last_torque(
     except ParameterError:
         effort = command(stamp_ns)
         return before if np.isnan(effort) else effort
-    sent = int(delivered_ns(config, states)[-1])
+    # What is in force has passed the link.
+    sent = int(states[-1] if run.count(topics.PLANT_INPUTS) else delivered_ns(config, states)[-1])
     effort = command(sent) if sent >= 0 else 0.0
     return before if np.isnan(effort) else torque_of(before, effort, config.plant)
 
@@ -356,15 +364,24 @@ def terms(run: RecordedRun, table: RunTable) -> dict[str, Floats]:
     if not names:
         return {}
     at = _stamps(run, table)
+    columns = [("position", name) for name in names]
+    recorded_terms = run.series(dict.fromkeys(states, columns))
     return {
         COMMAND if name == "effort" else name: held_at(at, *values)
-        for name, values in in_turn([run.joints(state) for state in states], names).items()
+        for name, values in in_turn([*recorded_terms.values()], names).items()
     }
 
 
 def disturbance(run: RecordedRun, table: RunTable) -> dict[str, Floats]:
-    """Return the disturbances of hip and trunk at each state: forces, and offsets on the measurement."""
+    """Return the disturbances of hip and trunk at each state: forces, and offsets on the measurement.
+
+    Where the plant's inputs are on record they are what acted, NaN in a state without them.
+    """
     at = _stamps(run, table)
+    if run.count(topics.PLANT_INPUTS):
+        inputs = _inputs(run, at)
+        acted = np.where(inputs.command_known, inputs.over(slice(None)).disturbance.T, np.nan)
+        return dict(zip(DISTURBANCE, acted, strict=True))
     if not run.count(topics.DISTURBANCE):
         return {name: np.zeros(len(at)) for name in DISTURBANCE}
     acting = run.joints(topics.DISTURBANCE).by_stamp()
@@ -374,6 +391,12 @@ def disturbance(run: RecordedRun, table: RunTable) -> dict[str, Floats]:
         name: matched_at(at, acting.stamp_ns, acting.column(*column))
         for name, column in zip(DISTURBANCE, columns, strict=True)
     }
+
+
+def _inputs(run: RecordedRun, states: Integers) -> RecordedInputs:
+    from ..recorded.inputs import RecordedInputs  # with the plant: an exact run needs none
+
+    return RecordedInputs(run, states)
 
 
 def all_columns(run: RecordedRun, table: RunTable) -> dict[str, Floats]:

@@ -11,6 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import numpy as np
+
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
@@ -337,7 +339,25 @@ class RecordedRun:
         names = {self.recording.topic(topic): topic for topic in wanted if topic not in known}
         read = self.recording.tables({name: wanted[topic] for name, topic in names.items()})
         known |= {names[name]: table for name, table in read.items()}
-        return {topic: known[topic].by_stamp() for topic in wanted}
+        return {topic: self._counting(topic, known[topic]).by_stamp() for topic in wanted}
+
+    def _counting(self, topic: str, table: JointTable) -> JointTable:
+        """Return the messages that count in real time: of the plant, and of controllers that acted on it."""
+        if not (self.real_time and self.count(topics.PLANT_INPUTS)):
+            return table
+        from .processes import simulator_of
+
+        if topic in (topics.GROUND_TRUTH, topics.JOINT_STATES):
+            processes = [simulator_of(self)]
+        elif (node := topic.removesuffix("/state")) in self.judgeable:
+            acted = self.sources_in_force
+            processes = [p for p in self.processes(node) if p.parameters and p.source in acted]
+        else:
+            return table
+        if any(process.sent_all(table) for process in processes):
+            return table
+        rows = [np.zeros(0, np.int64), *(process.rows(table) for process in processes)]
+        return table.rows(np.sort(np.concatenate(rows)))
 
     def keep_series(self, wanted: Mapping[str, Collection[Column]]) -> None:
         """Read columns of some JointState topics in one pass, for all who ask `series` for them."""
