@@ -113,10 +113,7 @@ fuzzy | rules.u: {["NB ZO"] * 7} | 7 labels in each row
 fuzzy | fuzzy.output_centers: [0.0, 1.0] | as many as fuzzy.output_labels (7: NB, NM
 fuzzy | fuzzy.output_centers: {[-1.5] * 7} | each >= -1 and <= 1
 fuzzy | fuzzy.form: pid | one of pd, pi
-recorder | flush_interval: 2.0 | double, > 0 and <= 1
-recorder | flush_interval: .nan | finite double
 recorder | overwrite: 3 | bool
-recorder | compression: gzip | one of zstd, lz4, none
 """
 
 

@@ -115,7 +115,7 @@ class TestSlim:
         assert (slim.recordings / "whole/run.mcap").stat().st_uid == 1010
 
         record = ("ros2", "run", "trunk_msgs_util", "recorder", "--ros-args", "-p")
-        wrong = slim.run(*record, "compression:=no")
+        wrong = slim.run(*record, "overwrite:=no")
         assert wrong.returncode == 2  # the node's exit code, through init and entrypoint
 
         recorder = slim.start(*record, "output:=/recordings/stopped.mcap")

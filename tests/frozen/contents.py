@@ -4,7 +4,7 @@ import struct
 from collections.abc import Iterator
 from hashlib import blake2b
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Schema
@@ -14,7 +14,12 @@ from ros2_ws.src.trunk_experiments.test.random_plans import NOT_DRAWN, OF_FUZZY_
 from trunk_experiments.plans.nodes import NODES
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
-from trunk_msgs_util.recording.schemas import parameter_event, parse_event, parse_parameter_event
+from trunk_msgs_util.recording.schemas import (
+    ParameterChange,
+    parameter_event,
+    parse_event,
+    parse_parameter_event,
+)
 from trunk_msgs_util.topics import (
     DIAGNOSTIC_ARRAY_TYPE,
     JOINT_STATE_TYPE,
@@ -25,7 +30,11 @@ _SIZE = 16  # bytes of a digest
 _HEAD = struct.Struct("<qI")
 # Of a graph, these depend on where and in which process it ran.
 _PROCESS, _OUTPUT = "process", "output"
-_YOUNGER = ("sync_interval", *NOT_DRAWN, *OF_FUZZY_PID)  # parameters than what was frozen
+_YOUNGER = (*NOT_DRAWN, *OF_FUZZY_PID)  # parameters than what was frozen
+# What the recorder's parameters had then, in their place.
+_GONE = {"compression": "zstd", "flush_interval": 0.5}
+_DEFAULT_THEN = {("lockstep.timeout", 30.0): 5.0}
+_GONE_KINDS = {"compression": "string", "flush_interval": "double"}
 
 
 class Heard(NamedTuple):
@@ -91,22 +100,33 @@ def _reduced(heard: Heard) -> tuple[str, bytes]:
         return event.node, _without_source(repr(event._replace(values=values)))
     if heard.kind == PARAMETER_EVENT_TYPE:
         change = parse_parameter_event(heard.data)
-        new = {
-            name: value for name, value in change.new.items() if name not in (_OUTPUT, *_YOUNGER)
-        }
+        new = _as_then(change)
+        new.pop(_OUTPUT, None)
         return change.node, _without_source(repr(change._replace(new=new)))
     return "", heard.data
 
 
+def _as_then(change: ParameterChange) -> dict[str, Any]:
+    """Return a node's first parameters as they were when they were frozen."""
+    then: dict[str, Any] = {}
+    for name, value in change.new.items():
+        if name == "scenario":  # of a recorder
+            then |= _GONE
+        if name not in _YOUNGER:
+            then[name] = _DEFAULT_THEN.get((name, value), value)
+    return then
+
+
 def _as_frozen(heard: Heard) -> bytes:
-    """Return an offline run's message without the parameters that are younger than what was frozen."""
+    """Return an offline run's message with the parameters that there were when it was frozen."""
     if heard.kind != PARAMETER_EVENT_TYPE:
         return heard.data
     change = parse_parameter_event(heard.data)
-    new = {name: value for name, value in change.new.items() if name not in _YOUNGER}
+    new = _as_then(change)
     if new == change.new:
         return heard.data
     kinds = {n: d.kind for kind in NODES.values() for n, d in declarations(kind.config).items()}
+    kinds |= _GONE_KINDS
     return parameter_event(change.stamp_ns, change.node, new, change.changed, kinds, change.source)
 
 

@@ -169,7 +169,7 @@ def test_only_plain_angles_of_more_than_a_turn_are_doubted():
 
 
 def test_texts_are_never_numbers():
-    plan = make_plan("fig6", "pid", settings=["recorder.output=5 m", "recorder.compression=none"])
+    plan = make_plan("fig6", "pid", settings=["recorder.output=5 m"])
     assert plan.recorder.output == "5 m"
 
 

@@ -32,10 +32,10 @@ class Disk:
 def run(tmp_path, monkeypatch):
     failures = []
 
-    def begin(disk, syncs=True):
+    def begin(disk):
         monkeypatch.setattr(os, "fdatasync", disk)
         writer = RecordingWriter(tmp_path / "run.mcap", compression="none")
-        file = RunFile(writer, lambda topic: f"/{topic}", failures.append, syncs=syncs)
+        file = RunFile(writer, lambda topic: f"/{topic}", failures.append)
         file.begin({}, {topics.JOINT_STATES: topics.JOINT_STATE_TYPE})
         return file, failures
 
@@ -44,7 +44,7 @@ def run(tmp_path, monkeypatch):
 
 def test_it_waits_for_the_disk_beside_the_loop_and_at_the_end(run):
     file, failures = run(disk := Disk())
-    file.sync()
+    file.flush()
     assert disk.asked.wait()
     assert threading.current_thread() not in disk.threads
     assert file.finish(complete=True, reason="finished") == 0
@@ -58,20 +58,14 @@ def test_the_disk_is_told_the_files_name_once(run, tmp_path, monkeypatch):
     here = tmp_path.stat()
     file, _ = run(Disk())
     for _ in range(2):
-        file.sync()
+        file.flush()
     file.finish(complete=True, reason="finished")
     assert told == [True]
 
 
-def test_it_waits_for_nothing_where_it_is_not_to(run):
-    file, _ = run(disk := Disk(), syncs=False)
-    file.finish(complete=True, reason="finished")
-    assert not disk.threads
-
-
 def test_a_disk_that_refuses_ends_the_recording(run, tmp_path):
     file, failures = run(disk := Disk(errno.EIO))
-    file.sync()
+    file.flush()
     assert disk.asked.wait()
     while not failures:
         file.check()
@@ -83,7 +77,7 @@ def test_a_disk_that_refuses_ends_the_recording(run, tmp_path):
 def test_what_the_disk_refused_once_is_told_at_the_end(run, tmp_path):
     """Linux tells of a lost write once: the next call succeeds."""
     file, failures = run(Disk(errno.EIO, times=1))
-    file.sync()
+    file.flush()
     assert file.finish(complete=True, reason="finished") is None
     assert failures == [
         f"{tmp_path / 'run.mcap'}: cannot write: Input/output error; the recording ends here"

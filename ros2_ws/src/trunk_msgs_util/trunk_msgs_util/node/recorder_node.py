@@ -65,6 +65,7 @@ _LEAVE_S = 0.7
 _TELL_EVERY = 50  # states
 _FOLLOW_S = 0.05
 _CHECK_S = 0.1
+_FLUSH_S = 0.5  # a killed recorder loses no more than that
 # In lock-step nothing waits for the recorder, within its window: waking it for each message would cost
 # the loop more than the recording does.
 _LINGER_S = 0.01
@@ -276,17 +277,12 @@ class RunFile:
         writer: RecordingWriter,
         full_name: Callable[[str], str],
         failed: Callable[[str], None],
-        syncs: bool = False,
     ) -> None:
-        """``full_name`` returns a topic's full name; ``failed`` is told why the recording ends here.
-
-        ``syncs``: `sync` is called now and then, and at its end the file is on the disk.
-        """
+        """``full_name`` returns a topic's full name; ``failed`` is told why the recording ends here."""
         self._writer = writer
         self._full_name = full_name
         self._failed = failed
         self._channels: dict[str, int] = {}
-        self._syncs = syncs
         self._beside = ThreadPoolExecutor(1, "sync")
         self._sync: Future[None] | None = None
 
@@ -317,14 +313,11 @@ class RunFile:
         return True
 
     def flush(self) -> None:
-        """Hand what was written over to the system."""
+        """Hand what was written over to the system, and have the disk take it while the loop goes on."""
         try:
             self._writer.flush()
         except OSError as error:
             self._fail(error)
-
-    def sync(self) -> None:
-        """Have the disk take what was flushed, while the loop goes on."""
         if self._sync is None or self._sync.done():
             self._sync = self._beside.submit(self._writer.sync)
 
@@ -339,7 +332,7 @@ class RunFile:
         """Write how the run ended; return how many messages there are, None if the disk failed."""
         self._beside.shutdown()  # the file stays open for it
         try:
-            self._writer.finish(complete=complete, reason=reason, sync=self._syncs)
+            self._writer.finish(complete=complete, reason=reason, sync=True)
         except OSError as error:
             self._fail(error)
             return None
@@ -355,7 +348,7 @@ def open_output(config: RecorderConfig) -> RecordingWriter:
     if path.suffix.lower() != _SUFFIX and not path.is_relative_to("/dev"):
         raise _refused(path, f"the file's name must end in {_SUFFIX}, such as {path / 'run.mcap'}")
     try:
-        return RecordingWriter(path, compression=config.compression, overwrite=config.overwrite)
+        return RecordingWriter(path, overwrite=config.overwrite)
     except FileExistsError:
         way_out = "it exists: give another name, or -p overwrite:=true to replace it"
         raise _refused(path, way_out) from None
@@ -434,15 +427,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         config = self.config
         self._forget()
         self.unfinished = ""
-        syncs = config.sync_interval > 0.0
-        self._file = RunFile(
-            open_output(config), self.resolve_topic_name, self._disk_failed, syncs=syncs
-        )
+        self._file = RunFile(open_output(config), self.resolve_topic_name, self._disk_failed)
         self._begin(self._file)
         self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.latest())
-        self._flush_timer = self.every(config.flush_interval, self._file.flush)
-        if syncs:
-            self._sync_timer = self.every(config.sync_interval, self._file.sync)
+        self._flush_timer = self.every(_FLUSH_S, self._file.flush)
         self._check_timer = self.every(_CHECK_S, self._file.check)
         if config.lockstep:
             self.linger_s = _LINGER_S

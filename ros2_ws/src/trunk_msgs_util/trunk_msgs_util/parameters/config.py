@@ -38,32 +38,6 @@ class RecorderConfig(ManagedConfig):
         element=str,
         fixed=True,
     )
-    compression: str = parameter(
-        "compression",
-        "zstd",
-        "Compression of the chunks",
-        choices=("zstd", "lz4", "none"),
-        fixed=True,
-    )
-    flush_interval: float = parameter(
-        "flush_interval",
-        0.5,
-        "A chunk is finished at least this often; a killed recorder loses no more than that",
-        unit="s",
-        above=0.0,
-        maximum=1.0,
-        fixed=True,
-    )
-    sync_interval: float = parameter(
-        "sync_interval",
-        1.0,
-        "The disk has what was written at least this often, and at the end: without power, no more than "
-        "that and a chunk are lost; 0: whenever the system writes",
-        unit="s",
-        minimum=0.0,
-        maximum=3600.0,
-        fixed=True,
-    )
     scenario: str = parameter("scenario", "", "Name of the scenario, for the record", fixed=True)
     lockstep: bool = parameter(
         "lockstep.enabled",
