@@ -98,7 +98,7 @@ def test_a_dump_is_loaded_and_makes_a_plan(children: Children, peer: Peer, tmp_p
     files = [str(tmp_path / f"{name}.yaml") for name in (*OWN, "rates")]
     plan = make_plan("fig8", "fuzzy_pid", files)
     assert as_given(plan) == {"fall": inf, "mass": 0.75, "high": inf, "low": -inf, "p": 70.0}
-    arguments = {a.name: a.default for a in ARGUMENTS}
+    arguments = {name: default for name, (default, _) in ARGUMENTS.items()}
     launched = launch_plan({**arguments, "scenario": "fig8", "params": ",".join(files)})
     assert launched == plan
     assert nodes[2].stop() == 0

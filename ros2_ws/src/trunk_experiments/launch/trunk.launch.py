@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ament_index_python.packages import get_package_prefix, get_package_share_directory
 from launch.actions import DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunction
 from launch.events import Shutdown
 from launch.events.matchers import matches_action
@@ -57,14 +56,8 @@ class OrderlyEnd:
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Make the plan, write its parameter file, start the nodes with it."""
-    given = {a.name: LaunchConfiguration(a.name).perform(context) for a in launching.ARGUMENTS}
+    given = {name: LaunchConfiguration(name).perform(context) for name in launching.ARGUMENTS}
     plan = launching.launch_plan(given)
-    share = Path(get_package_share_directory("trunk_experiments"))
-    viewers = launching.launch_viewers(plan, given, share)
-    for viewer in viewers:
-        get_package_prefix(
-            viewer.package
-        )  # not installed: the launch ends before it has made a folder
     files = RunFiles.for_run(plan, Path(given["output"]) if given["output"] else None)
     nodes = launching.launch_nodes(files.record(plan), files.parameters)
 
@@ -77,29 +70,16 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             output="screen",
             on_exit=end.on_exit(node.executable),
         )
-    shown = [
-        Node(
-            package=viewer.package,
-            executable=viewer.executable,
-            arguments=list(viewer.options),
-            ros_arguments=list(viewer.ros_arguments),
-        )
-        for viewer in viewers
-    ]
-    said = [LogInfo(msg=f"warning: {text}") for text in plan.warnings]
-    if plan.external is not None:
-        said += [LogInfo(msg=line) for line in launching.connection_lines(plan)]
-    said.append(LogInfo(msg=f"recording: {files.recording}"))
-    # Viewers first: if RViz is not installed, nothing has been started yet.
-    return [*said, *shown, *end.actions.values()]
+    said = [f"warning: {text}" for text in plan.warnings] + [f"recording: {files.recording}"]
+    return [*(LogInfo(msg=line) for line in said), *end.actions.values()]
 
 
 def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             *(
-                DeclareLaunchArgument(a.name, default_value=a.default, description=a.description)
-                for a in launching.ARGUMENTS
+                DeclareLaunchArgument(name, default_value=default, description=description)
+                for name, (default, description) in launching.ARGUMENTS.items()
             ),
             OpaqueFunction(function=start),
         ]

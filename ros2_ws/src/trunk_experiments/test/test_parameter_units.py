@@ -16,7 +16,6 @@ from trunk_experiments.live.parameters import choosers_of, said_in_si
 from trunk_experiments.plans.files import parse_setting, shipped_files
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan, parse_swap
-from trunk_experiments.runs.launching import ARGUMENTS, launch_plan
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError, declarations, values_of
 from trunk_msgs_util.parameters.files import ParameterFileError, read
@@ -173,12 +172,7 @@ def test_texts_are_never_numbers():
     assert plan.recorder.output == "5 m"
 
 
-def test_launch_arguments_and_swaps_take_units():
-    given_arguments = {argument.name: argument.default for argument in ARGUMENTS}
-    plan = launch_plan({**given_arguments, "rate": "1 kHz", "duration": "1 min"})
-    assert (plan.simulator.update_rate, plan.simulator.duration) == (1000.0, 60.0)
-    with pytest.raises(PlanError, match=r"^rate:=1 s is not allowed: it is a time; a frequency"):
-        launch_plan({**given_arguments, "rate": "1 s"})
+def test_swaps_take_units():
     assert parse_swap("1500ms:pid") == (1.5, "pid")
     with pytest.raises(PlanError, match=r"T is '4 kg': it is a mass; a time in s is needed"):
         parse_swap("4 kg:pid")

@@ -8,117 +8,47 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.parameters.declarations import UnitError
-from trunk_msgs_util.parameters.to_si import number_in
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 from ..errors import PlanError
-from ..plans.files import checked_external, checked_namespace
 from ..plans.nodes import CONTROLLERS, NODES
-from ..plans.plan import RunPlan, make_plan, parse_swap
+from ..plans.plan import RunPlan, make_plan
 
-_UNITS = {"speed": "", "rate": "Hz", "duration": "s"}  # of the arguments that are numbers
 RECORDER = "recorder"
 SIMULATOR = "simulator"
-
-
-@dataclass(frozen=True)
-class LaunchArgument:
-    """An argument of the launch file: ``name:=value``."""
-
-    name: str
-    default: str
-    description: str
-
-
-ARGUMENTS = (
-    LaunchArgument("scenario", "demo", "fig6, fig7, fig8, fig9, demo, or a parameter file's path"),
-    LaunchArgument("controller", "fuzzy_pid", f"one of {', '.join(CONTROLLERS)}"),
-    LaunchArgument(
-        "external",
+# Of the launch file, NAME:=VALUE: the default, and what it is. More goes into parameter files.
+ARGUMENTS = {
+    "scenario": ("demo", "fig6, fig7, fig8, fig9, demo, or a parameter file's path"),
+    "controller": ("fuzzy_pid", f"one of {', '.join(CONTROLLERS)}"),
+    "params": (
         "",
-        "the name of a run whose commands your own node gives; true: the node's own name; empty: one of ours",
+        "parameter files by path or shipped name, separated by commas; later ones win",
     ),
-    LaunchArgument(
-        "lockstep", "false", "step when every node has answered: the same bits each time"
-    ),
-    LaunchArgument("speed", "", "pace of a lock-step run, as a multiple of real time; empty: none"),
-    LaunchArgument(
-        "params", "", "parameter files by path or shipped name, separated by commas; later ones win"
-    ),
-    LaunchArgument(
-        "swap_at", "", "T:CONTROLLER takes over at T s; several are separated by commas"
-    ),
-    LaunchArgument("rate", "", "update_rate of simulator and controller, Hz; empty: the files'"),
-    LaunchArgument("duration", "", "simulated time, s; 0: until Ctrl-C; empty: the files'"),
-    LaunchArgument("namespace", "", "of all nodes, so that several sets run side by side"),
-    LaunchArgument("output", "", "folder for the recording; empty: runs/TIME_SCENARIO_CONTROLLER"),
-    LaunchArgument("markers", "", "publish visualization markers; empty: where RViz is started"),
-    LaunchArgument("rviz", "false", "start RViz with the shipped view"),
-)
+    "lockstep": ("false", "step when every node has answered: the same bits each time"),
+    "output": ("", "folder for the recording; empty: runs/TIME_SCENARIO_CONTROLLER"),
+}
 
 
 @dataclass(frozen=True)
 class LaunchNode:
-    """One process: where its executable lies, its own options, and what follows ``--ros-args``."""
+    """One process: where its executable lies, and what follows ``--ros-args``."""
 
     package: str
     executable: str
     ros_arguments: tuple[str, ...]
-    options: tuple[str, ...] = ()
-
-
-def flag(given: Mapping[str, str], name: str, default: bool = False) -> bool:
-    """Return an argument that is true or false; empty: the default. Raises PlanError."""
-    text = given[name].strip().lower()
-    if text in ("true", "1"):
-        return True
-    if text in ("false", "0"):
-        return False
-    if text:
-        raise PlanError(f"{name}:={given[name]} is not allowed: true or false")
-    return default
-
-
-def _number(given: Mapping[str, str], name: str) -> float:
-    try:
-        return number_in(given[name], _UNITS[name])
-    except UnitError as error:
-        raise PlanError(f"{name}:={given[name]} is not allowed: {error}") from None
-
-
-def _listed(text: str) -> list[str]:
-    return [part.strip() for part in text.split(",") if part.strip()]
 
 
 def launch_plan(given: Mapping[str, str]) -> RunPlan:
     """Return the plan that the launch arguments ask for. Raises what `make_plan` does."""
-    everywhere: dict[str, object] = {}
-    if flag(given, "lockstep"):
-        everywhere["lockstep.enabled"] = True
-    targets = {"speed": "lockstep.speed", "rate": "update_rate", "duration": "duration"}
-    everywhere |= {
-        parameter: _number(given, name) for name, parameter in targets.items() if given[name]
-    }
-    external = given["external"].strip() or None
-    if external is not None:
-        external = "" if external.lower() in ("true", "1") else checked_external(external)
-        if given["swap_at"]:
-            raise PlanError("external: your own node gives the commands: leave out swap_at")
-    plan = make_plan(
+    lockstep = given["lockstep"].strip().lower()
+    if lockstep not in ("true", "false"):
+        raise PlanError(f"lockstep:={given['lockstep']} is not allowed: true or false")
+    return make_plan(
         given["scenario"],
         given["controller"],
-        _listed(given["params"]),
-        everywhere=everywhere,
-        namespace=checked_namespace(given["namespace"]),
-        swaps=[parse_swap(text) for text in _listed(given["swap_at"])],
-        external=external,
+        [part.strip() for part in given["params"].split(",") if part.strip()],
+        everywhere={"lockstep.enabled": True} if lockstep == "true" else {},
     )
-    if given["speed"] and not plan.simulator.lockstep:
-        raise PlanError(
-            f"speed:={given['speed']}: only a lock-step run can be paced: give lockstep:=true"
-        )
-    return plan
 
 
 def _in_namespace(namespace: str) -> tuple[str, ...]:
@@ -130,21 +60,6 @@ def launch_nodes(plan: RunPlan, parameters: Path) -> list[LaunchNode]:
     """Return the nodes of a run in the order of their start, the recorder first."""
     arguments = ("--params-file", str(parameters), *_in_namespace(plan.namespace))
     return [LaunchNode(NODES[name].package, name, arguments) for name in plan.configs]
-
-
-def launch_viewers(plan: RunPlan, given: Mapping[str, str], share: Path) -> list[LaunchNode]:
-    """Return the viewers of a run, which take no part in it; ``share`` is this package's share folder."""
-    rviz = flag(given, "rviz")
-    place = _in_namespace(plan.namespace)
-    viewers = []
-    if rviz:  # first: where it is not installed, nothing has been started yet
-        # The view names its topics absolutely, as RViz does.
-        view = share / "rviz" / "trunk.rviz"
-        remap = ("-r", "/markers:=markers") if plan.namespace else ()
-        viewers.append(LaunchNode("rviz2", "rviz2", (*remap, *place), ("-d", str(view))))
-    if flag(given, "markers", default=rviz):
-        viewers.append(LaunchNode("trunk_experiments", "markers", place))
-    return viewers
 
 
 def next_to_stop(running: Sequence[str]) -> list[str]:
