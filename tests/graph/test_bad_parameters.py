@@ -107,7 +107,6 @@ def test_an_argument_that_nothing_uses(children: Children, arguments: str) -> No
     "package",
     [
         "trunk_control reference",
-        "trunk_control fuzzy_gains",
         "trunk_sim simulator",
         "trunk_sim disturbance",
         "trunk_msgs_util recorder",

@@ -2,13 +2,13 @@
 
 import re
 import signal
+import sys
 from pathlib import Path
 
 import pytest
 from std_msgs.msg import Float64MultiArray
 
 from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_experiments.runs.node_processes import find_executable
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.recording.reader import Recording
@@ -18,14 +18,15 @@ from .processes import Child, Children
 
 pytestmark = pytest.mark.graph
 
-PAGE = Path(__file__).parents[2] / "examples" / "ros2_control" / "README.md"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PAGE = EXAMPLES / "ros2_control" / "README.md"
 LOCKSTEP = "lockstep.enabled:=true"
 
 
 @pytest.fixture
 def gains_node(children: Children, peer: Peer) -> Child:
     """The node, once it is there for the simulator to find."""
-    node = children.fork("gains", find_executable("trunk_control", "fuzzy_gains"))
+    node = children.start("gains", sys.executable, EXAMPLES / "nodes" / "fuzzy_gains.py")
     peer.until(lambda: peer.node.count_publishers("fuzzy_gains/gains"), "the node is up")
     return node
 

@@ -48,10 +48,7 @@ setup(
     entry_points={
         "console_scripts": []
         if wheel
-        else [
-            f"{name} = trunk_control.executables:{name}"
-            for name in (*laws, "fuzzy_gains", "reference")
-        ],
+        else [f"{name} = trunk_control.executables:{name}" for name in (*laws, "reference")],
         "trunk.controllers": [
             f"{name} = trunk_control.{module}:LAW" for name, module in laws.items()
         ],

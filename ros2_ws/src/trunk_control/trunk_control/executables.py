@@ -1,7 +1,7 @@
 """The executables that `ros2 run` starts: quick to load, and they end cleanly on a signal at any time.
 
-There is one for each law of this package, `pid`, `fuzzy_pid` and so on, `fuzzy_gains` and `reference`. A
-package with its own laws creates their executables with `of_law`.
+There is one for each law of this package, `pid`, `fuzzy_pid` and so on, and `reference`. A package with its
+own laws creates their executables with `of_law`.
 """
 
 from __future__ import annotations
@@ -24,4 +24,3 @@ def __getattr__(name: str) -> Callable[[], None]:
 
 
 reference = early_signals.node("trunk_control.reference_node")
-fuzzy_gains = early_signals.node("trunk_control.gains_node")
