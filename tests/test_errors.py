@@ -26,8 +26,6 @@ INTERNAL = {
     "DamageError",
     "ChecksumError",
     "UnreadableError",
-    "LimitError",
-    "LimitReachedError",
     "TrailingError",
     "NoKnobError",  # a parameter is none
     "_Interrupted",

@@ -10,7 +10,7 @@ from contextlib import suppress
 import pytest
 from mcap.writer import Writer
 
-from trunk_msgs_util.recording.content import MAX_CHUNK
+from trunk_msgs_util.recording.messages import LIMIT
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
@@ -234,7 +234,7 @@ HOSTILE = {
     "a Zstandard bomb": lambda: chunk(bytes(4 * GIB // 8), size=1000),
     "an honest bomb": lambda: chunk(bytes(GIB // 2)),
     "an LZ4 bomb": lambda: chunk(bytes(GIB // 2), size=1000, compression="lz4"),
-    "many records": lambda: chunk(BOMB * (MAX_CHUNK // 9)),
+    "many records": lambda: chunk(BOMB * (LIMIT // 9)),
     "a record of 1 TB": lambda: raw(4, length=TB),
     "a record of 2^64 - 1 bytes": lambda: raw(5, length=2**64 - 1),
     "a string of 4 GB": lambda: raw(4, b"\1\0\1\0\xff\xff\xff\xff"),

@@ -6,7 +6,8 @@ import lz4.frame
 import pytest
 import zstandard
 
-from trunk_msgs_util.recording.content import MAX_CHUNK, chunk_records
+from trunk_msgs_util.recording.content import chunk_records
+from trunk_msgs_util.recording.messages import LIMIT
 
 from .mcap_files import chunk, zstd_frame_that_claims
 
@@ -39,14 +40,14 @@ def test_frames_without_a_size_are_read():
     assert chunk_records(body(stream, size=len(DATA), compression="zstd")) == DATA
 
 
-BOMB = bytes(MAX_CHUNK + 1)
+BOMB = bytes(LIMIT + 1)
 
 
 @pytest.mark.parametrize(
     ("data", "size", "compression", "says"),
     [
         (zstandard.compress(DATA), TB, "zstd", "claims 1099511627776 bytes, more than"),
-        (DATA, MAX_CHUNK + 1, "", "more than"),
+        (DATA, LIMIT + 1, "", "more than"),
         (zstd_frame_that_claims(TB), 100, "zstd", "its Zstandard frame 1099511627776"),
         (zstandard.compress(BOMB), 100, "zstd", "its Zstandard frame"),
         (

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trunk_msgs_util.recording.cdr import MAX_NAME
 from trunk_msgs_util.recording.joint_state_cdr import frame_in, layout_of
-from trunk_msgs_util.recording.limits import MAX_NAME
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import (
     frame_of_inputs,

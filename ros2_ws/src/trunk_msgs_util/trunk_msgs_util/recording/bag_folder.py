@@ -6,7 +6,6 @@ import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import RecordingError
-from .limits import MAX_BAG_METADATA, MAX_NAME
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -14,6 +13,7 @@ if TYPE_CHECKING:
 METADATA = "metadata.yaml"
 _SPLIT = re.compile(r"_\d+$")  # of a bag's parts: name_0.mcap, name_1.mcap
 _LISTED = 8
+_MAX_METADATA = 1 << 20  # characters
 
 
 class BagFolder(NamedTuple):
@@ -52,12 +52,12 @@ def bag_folder(folder: Path) -> BagFolder:
     storage = about.get("storage_identifier")
     # rosbag2 leaves it empty where it indexes a folder anew.
     if storage != "mcap" and not (storage == "" and any(folder.glob("*.mcap"))):
-        shown = repr(storage) if isinstance(storage, str) and len(storage) < MAX_NAME else "?"
-        raise not_mcap(folder, f"its storage is {shown}")
+        raise not_mcap(folder, f"its storage is {storage!r:.40}")
     mode = about.get("compression_mode") or "none"
     if not isinstance(mode, str) or mode.lower() not in ("none", "storage"):
-        shown = mode.lower() if isinstance(mode, str) and len(mode) < MAX_NAME else "?"
-        raise not_mcap(folder, f"it is compressed by {shown}, which MCAP readers do not know")
+        raise not_mcap(
+            folder, f"it is compressed by {str(mode).lower():.40}, which MCAP readers do not know"
+        )
     listed = about.get("relative_file_paths")
     if not isinstance(listed, list) or not listed:
         raise RecordingError(f"{folder / METADATA} lists no files: repair it with ros2 bag reindex")
@@ -69,7 +69,7 @@ def bag_folder(folder: Path) -> BagFolder:
     count = about.get("message_count")
     if count is not None and (not isinstance(count, int) or isinstance(count, bool) or count < 0):
         raise RecordingError(
-            f"{folder / METADATA}: message_count is {str(count)[:MAX_NAME]!r}, a whole number is needed: "
+            f"{folder / METADATA}: message_count is {count!s:.40}, a whole number is needed: "
             "repair it with ros2 bag reindex"
         )
     return BagFolder(files, count)
@@ -81,7 +81,7 @@ def _information(path: Path) -> dict[str, Any]:
     why = ""
     try:
         with path.open(encoding="utf-8") as file:
-            tree = load(file.read(MAX_BAG_METADATA + 1), MAX_BAG_METADATA)
+            tree = load(file.read(_MAX_METADATA + 1), _MAX_METADATA)
         about = tree["rosbag2_bagfile_information"]
         if isinstance(about, dict):
             return about
@@ -97,11 +97,7 @@ def _inside(folder: Path, listed: object) -> Path:
 
     Old bags list a file with their own folder's name before it.
     """
-    name = (
-        listed
-        if isinstance(listed, str) and len(listed) < MAX_NAME
-        else "something that is not a name"
-    )
+    name = str(listed)[:255]
     path = folder / name.rsplit("/", 1)[-1].replace("\0", "")
     if path == folder or not path.is_file():
         raise RecordingError(f"{folder / METADATA} lists {name}, which is missing: restore it")

@@ -11,10 +11,9 @@ import sys
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from .limits import MAX_NAME
-
 CDR = b"\x00\x01"  # little-endian; two bytes of options follow
 ORIGIN = 4  # alignment counts from here
+MAX_NAME = 1024  # bytes of the name of a joint or a frame
 _HEAD = CDR.ljust(ORIGIN, b"\x00")
 
 # A type: the name of a number or "string", the fields of a structure, or a sequence of one type.

@@ -24,8 +24,7 @@ import zstandard
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from .limits import MAX_CHUNK, Budget
-from .messages import HEAD, Messages, data_starts, head_field
+from .messages import HEAD, LIMIT, Messages, data_starts, head_field
 
 if TYPE_CHECKING:
     from .joint_table import Integers
@@ -69,11 +68,11 @@ def chunk_head(body: bytes) -> ChunkHead:
 def chunk_records(body: bytes) -> bytes:
     """Return the records of a chunk, checked against its checksum.
 
-    Raises ValueError for data that are damaged, of a wrong size, or longer than `MAX_CHUNK`.
+    Raises ValueError for data that are damaged, of a wrong size, or longer than `LIMIT`.
     """
     head = chunk_head(body)
-    if head.size > MAX_CHUNK:
-        raise ValueError(f"it claims {head.size} bytes, more than the {MAX_CHUNK} that are read")
+    if head.size > LIMIT:
+        raise ValueError(f"it claims {head.size} bytes, more than the {LIMIT} that are read")
     data = _decompressed(body[head.at : head.at + head.length], head.compression, head.size)
     if len(data) != head.size:
         raise ValueError(f"it claims {head.size} bytes and holds {len(data)}")
@@ -131,16 +130,11 @@ class Content:
         return Messages(self.data, log[order], start[order], end[order])
 
 
-def split(data: bytes, budget: Budget | None = None) -> Content:
-    """Return the content of a chunk. Raises ValueError if its records make no sense.
-
-    Raises LimitError if it has more records than the budget allows.
-    """
+def split(data: bytes) -> Content:
+    """Return the content of a chunk. Raises ValueError if its records make no sense."""
     offsets, end = record_offsets(data)
     if end != len(data):
         raise ValueError("a record goes beyond its chunk")
-    if budget is not None:
-        budget.take(len(offsets))
     opcodes = np.frombuffer(data, np.uint8)[offsets]
     ends = np.append(offsets[1:], end)
     is_message = opcodes == Opcode.MESSAGE

@@ -18,14 +18,14 @@ import numpy as np
 
 from ..samples import JointSample
 from ..units import LAST_STAMP_NS, NANOSECONDS
-from .cdr import CDR, ORIGIN, Cursor
-from .limits import MAX_JOINTS, MAX_NAME
+from .cdr import CDR, MAX_NAME, ORIGIN, Cursor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 # rmw_serialize leaves such a tail: room for alignment that empty arrays do not need.
 MAX_TRAILING = 16
+MAX_NAMES = 1024
 _FRAME = ORIGIN + 8 + 4  # where its text begins, after the stamp and the length
 
 
@@ -281,7 +281,7 @@ class JointStateLayout:
         cursor = Cursor(data)
         cursor.take(8, 4)  # the stamp
         frame_id = cursor.string(MAX_NAME)
-        name = cursor.names(MAX_JOINTS)
+        name = cursor.names(MAX_NAMES)
         position, velocity, effort = (cursor.doubles() for _ in range(3))
         if len(data) - cursor.at > MAX_TRAILING:
             raise ValueError(f"{len(data) - cursor.at} bytes too many")

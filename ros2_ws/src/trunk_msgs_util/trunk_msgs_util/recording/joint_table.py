@@ -14,7 +14,7 @@ from ..errors import RecordingError
 from ..samples import has_doubled
 from ..units import NANOSECONDS, seconds
 from .joint_state_cdr import JointStateLayout, shared
-from .limits import MAX_LAYOUTS, LimitError
+from .messages import LIMIT
 
 if TYPE_CHECKING:
     from .messages import Messages
@@ -26,6 +26,7 @@ Bools = NDArray[np.bool_]
 Rows: TypeAlias = slice | Integers  # of some messages
 Column = tuple[str, str]  # quantity, name
 QUANTITIES = ("position", "velocity", "effort")
+MAX_LAYOUTS = 256  # in a chunk: each is looked for in all its messages
 
 
 class UnreadableError(ValueError):
@@ -48,7 +49,7 @@ def pieces(messages: Messages) -> list[Piece]:
     """Return some messages by their layouts, in the order in which these appear; no Python work a message.
 
     Raises UnreadableError for bytes that are not a little-endian JointState, or have not a value for each
-    name; LimitError beyond `MAX_LAYOUTS`.
+    name, and for more than `MAX_LAYOUTS`.
     """
     data, _, start, end = messages
     sizes = end - start
@@ -70,7 +71,7 @@ def pieces(messages: Messages) -> list[Piece]:
             rows, left = left[fits], left[~fits]
             parts.append(Piece(rows, layout, layout.decode_at(data, start[rows])))
             if len(parts) > MAX_LAYOUTS:
-                raise LimitError(f"its messages have more than {MAX_LAYOUTS} layouts")
+                raise UnreadableError(int(rows[0]), f"more than {MAX_LAYOUTS} layouts in a chunk")
     return sorted(parts, key=lambda part: int(part.rows[0]))  # type: ignore[index]
 
 
@@ -299,7 +300,7 @@ class Filling:
     def __init__(self, only: Collection[Column] | None = None, capacity: int = 0) -> None:
         """``capacity``: as many messages are expected; more are taken, too."""
         self._only = None if only is None else frozenset(only)
-        self._count = 0
+        self._count = self._size = 0
         self._names: dict[str, int] = {}  # the column of each
         self._frames: dict[str, int] = {}
         self._frame: Frames | None = None  # where there is more than one
@@ -315,6 +316,7 @@ class Filling:
     def take(self, messages: Messages, parts: Sequence[Piece] | None = None) -> None:
         """Take the next messages; ``parts``: these by layouts, as `pieces` gives and raises."""
         first, self._count = self._count, self._count + len(messages)
+        self._size += int((messages.end - messages.start).sum())
         if self._count > len(self._stamp_ns):
             self._grow(max(self._count, len(self._stamp_ns) * 3 // 2, 1024))
         self._log_time_ns[first : self._count] = messages.log_time_ns
@@ -368,12 +370,19 @@ class Filling:
     def _widen(self, quantity: str, width: int) -> None:
         values = self._values[quantity]
         if values.shape[1] < width:
+            self._check(len(values), width)
             wide = np.full((len(values), width), np.nan)
             wide[:, : values.shape[1]] = values
             self._values[quantity] = wide
 
+    def _check(self, rows: int, width: int) -> None:
+        """Raise ValueError for a table that is far larger than what it is made of."""
+        if rows * width * 8 > max(LIMIT, 16 * self._size):
+            raise ValueError(f"{rows} messages by {width} names are more than is read")
+
     def _grow(self, capacity: int) -> None:
         more = capacity - len(self._stamp_ns)
+        self._check(capacity, len(self._names))
         self._stamp_ns, self._log_time_ns = (
             np.concatenate([times, np.empty(more, np.int64)])
             for times in (self._stamp_ns, self._log_time_ns)

@@ -12,6 +12,7 @@ import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from io import SEEK_END, BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
@@ -26,8 +27,7 @@ from ..units import NANOSECONDS, seconds
 from .bag_folder import not_mcap
 from .content import Content, chunk_head, chunk_records, record_offsets, split
 from .digests import DIGESTS, END, PROVENANCE
-from .limits import MAX_CHANNELS, MAX_CHUNK, MAX_METADATA, MAX_NAME, Budget, LimitError
-from .messages import HEAD, MAGIC
+from .messages import HEAD, LIMIT, MAGIC, allowed
 from .topic import STAMP_SIZE, STAMPED, Topic, fields_of
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ ERROR, WARNING, INFO = "error", "warning", "info"
 BLOCKS = (Opcode.CHUNK, Opcode.MESSAGE)
 
 _CRC = struct.Struct("<I")
+_CHANNELS = 4096  # of a file, at most, and schemas
 _RUN = 1 << 20  # bytes of messages outside chunks that are read at a time, at most
 _AHEAD = 1 << 12  # the same, at first: it doubles while nothing else comes
 # What comes only after the end of the data; among them it is a damaged record.
@@ -89,10 +90,6 @@ class Finding:
 
 class DamageError(ValueError):
     """The file is damaged from some byte on."""
-
-
-class LimitReachedError(DamageError):
-    """The file goes beyond a limit: it is read up to there."""
 
 
 class ChecksumError(DamageError):
@@ -156,10 +153,10 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
             yield Record(offset, opcode, b"", end)
             crc = _skip(file, length, zlib.crc32(head, crc))
         else:
-            if length > MAX_CHUNK:
+            if length > LIMIT:
                 raise DamageError(
                     f"the {name_of(opcode)} record at byte {offset} claims {length} bytes, "
-                    f"more than the {MAX_CHUNK} that are read"
+                    f"more than the {LIMIT} that are read"
                 )
             body = file.read(length)
             if opcode == Opcode.MESSAGE:
@@ -223,42 +220,12 @@ def damaged(record: Record, error: Exception) -> DamageError:
     )
 
 
-def content_of(record: Record, budget: Budget | None = None) -> Content:
-    """Return the content of a block. Raises DamageError, and LimitReachedError beyond the budget."""
+def content_of(record: Record) -> Content:
+    """Return the content of a block. Raises DamageError."""
     try:
-        if record.opcode != Opcode.CHUNK:
-            return split(record.body, budget)
-        if budget is not None:
-            budget.unpack(chunk_head(record.body).size)
-        return split(chunk_records(record.body), budget)
-    except LimitError as error:
-        raise limit_reached(record, error) from None
+        return split(chunk_records(record.body) if record.opcode == Opcode.CHUNK else record.body)
     except Exception as error:  # whatever a decompressor may raise on damaged bytes
         raise damaged(record, error) from None
-
-
-def visit(record: Record, budget: Budget, take_other: Callable[[Record], None]) -> Content | None:
-    """Return a block's content, and give every other record, also one in a chunk, to ``take_other``.
-
-    Raises DamageError for whatever that raises, and LimitReachedError for a LimitError.
-    """
-    content = content_of(record, budget) if record.opcode in BLOCKS else None
-    inside = content.others if content is not None else [(record.opcode, record.body)]
-    for opcode, body in inside:
-        part = Record(record.offset, opcode, body, record.end)
-        try:
-            take_other(part)
-        except LimitError as error:
-            raise limit_reached(part, error) from None
-        except Exception as error:  # whatever mcap may raise on a damaged record
-            raise damaged(part, error) from None
-    return content
-
-
-def limit_reached(record: Record, error: LimitError) -> LimitReachedError:
-    """Return the error for a record that goes beyond a limit."""
-    where = f"at the {name_of(record.opcode)} record at byte {record.offset}"
-    return LimitReachedError(f"the file reaches a limit {where}: {error}")
 
 
 def read_block(file: BinaryIO, offset: int, end: int) -> Record:
@@ -315,8 +282,7 @@ class McapFile:
         self._statistics: Statistics | None = None
         self._bodies: dict[tuple[int, int | None], bytes] = {}  # of the first schemas and channels
         self._numbers: dict[str, list[int]] = {}  # channels by topic
-        self._described_by = 0  # bytes of our metadata
-        self._budget = Budget(size_of(path))
+        self._unpacked = 0  # bytes of all blocks
 
     def scan(
         self,
@@ -355,9 +321,25 @@ class McapFile:
             self.findings.append(Finding(ERROR, miscount, byte=self.end))
         self._last = Content(b"")
 
+    @cached_property
+    def _allowed(self) -> int:
+        return allowed(self.path.stat().st_size)
+
     def take(self, record: Record, fill: Fill | None = None) -> Content | None:
-        """Process a record; return a block's content. Raises DamageError."""
-        content = visit(record, self._budget, self.take_record)
+        """Process a record; return a block's content. Raises DamageError; RecordingError at the limit."""
+        content = content_of(record) if record.opcode in BLOCKS else None
+        self._unpacked += len(content.data) if content else 0
+        if self._unpacked > self._allowed or max(len(self.channels), len(self.schemas)) > _CHANNELS:
+            said = f"more than {self._allowed} bytes unpacked, or {_CHANNELS} channels or schemas"
+            raise RecordingError(f"{self.path} is too large to be read: {said}")
+        for opcode, body in content.others if content else [(record.opcode, record.body)]:
+            part = Record(record.offset, opcode, body, record.end)
+            if content and is_known(opcode) and opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
+                raise damaged(record, ValueError(f"a {name_of(opcode)} record in it"))
+            try:
+                self.take_record(part)
+            except Exception as error:  # whatever mcap may raise on a damaged record
+                raise damaged(part, error) from None
         self._look_at(record)
         if content is not None:
             self._look_into(record, content)
@@ -383,9 +365,6 @@ class McapFile:
         elif record.opcode == Opcode.METADATA and record.body[4:10] != _OUR_METADATA:
             self.metadata_records.append(others_metadata(record))
         elif record.opcode == Opcode.METADATA:
-            self._described_by += len(record.body)
-            if self._described_by > MAX_METADATA:
-                raise LimitError(f"more than {MAX_METADATA} bytes of metadata")
             metadata = Metadata.read(record.stream)
             self.metadata_records.append((metadata.name, metadata.metadata))
             if metadata.name == PROVENANCE:
@@ -418,12 +397,10 @@ class McapFile:
         return False
 
     def take_described(self, item: Schema | Channel) -> None:
-        """Process a schema or a channel; the first with a given number counts. Raises LimitError."""
+        """Process a schema or a channel; the first with a given number counts."""
         if isinstance(item, Schema):
-            check_schema_limits(len(self.schemas), item)
             self.schemas.setdefault(item.id, item)
         elif item.id not in self.channels:
-            check_schema_limits(max(len(self.channels), len(self.topics)), item)
             self.channels[item.id] = item
             self._numbers.setdefault(item.topic, []).append(item.id)
             described = self.schemas.get(item.schema_id)
@@ -586,17 +563,6 @@ def others_metadata(record: Record) -> tuple[str, dict[str, str]]:
         metadata = Metadata.read(record.stream)
         return metadata.name, metadata.metadata
     return "", {"blake2b": hashlib.blake2b(record.body, digest_size=32).hexdigest()}
-
-
-def check_schema_limits(count: int, item: Schema | Channel) -> None:
-    """Raise LimitError for a schema or channel after so many others, or with too long a name."""
-    kind, name = ("schema", item.name) if isinstance(item, Schema) else ("topic", item.topic)
-    if count >= MAX_CHANNELS:
-        raise LimitError(f"more than {MAX_CHANNELS} {kind}s")
-    if len(name) > MAX_NAME:
-        raise LimitError(
-            f"the name of a {kind} has {len(name)} characters: at most {MAX_NAME} are read"
-        )
 
 
 def miscounted(statistics: Statistics, counts: Mapping[int, int]) -> str:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from .joint_table import Integers
 
+# Bytes of a record and of an unpacked chunk, at most: no size that a file claims is trusted.
+LIMIT = 128 << 20
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # of every record: opcode, length of what follows
 # What precedes a message's data: `HEAD`, then these four; one by one, and in bulk.
@@ -84,6 +86,11 @@ class Messages(NamedTuple):
 
     def __len__(self) -> int:
         return len(self.start)
+
+
+def allowed(size: int) -> int:
+    """Return how many bytes a file of ``size`` bytes may unpack to: far more than recordings do."""
+    return max(LIMIT, 256 * size)
 
 
 def data_starts(offsets: Integers) -> Integers:

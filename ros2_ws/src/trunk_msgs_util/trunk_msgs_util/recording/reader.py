@@ -18,8 +18,8 @@ from ..provenance import FORMAT
 from .bag_folder import METADATA, bag_folder
 from .digests import DIGESTS, END, PROVENANCE, RunningDigests, differing, uncoverable, uncovered
 from .joint_table import Column, Filling, JointTable, pieces
-from .limits import MAX_TEXT
 from .mcap_file import ERROR, OURS, McapFile, name_of, size_of
+from .messages import LIMIT
 from .schemas import ParameterChange, RunEvent, parse_event, parse_parameter_event
 from .summary import open_by_summary, structure
 from .topic import Topic
@@ -36,6 +36,7 @@ Parsed = TypeVar("Parsed")
 _RUN = names.RUN_EVENTS.rpartition("/")[0] + "/"
 # Decompressed chunks kept for the next pass: a one-minute run is decompressed once.
 _KEPT = 64 << 20
+_TEXT = LIMIT // 8  # bytes of events, or of parameters: Python's objects take many times as many
 # A larger file need not be read whole to be opened; smaller ones are scanned in no time.
 _BY_SUMMARY = 32 << 20
 
@@ -291,7 +292,10 @@ class Bag:
     def _fill(self, topic: str, messages: Messages, parts: list[Piece]) -> None:
         if topic not in self._fillings:
             self._fillings[topic] = Filling(() if self._is_terms(topic) else None)
-        self._fillings[topic].take(messages, parts)
+        try:
+            self._fillings[topic].take(messages, parts)
+        except ValueError as error:
+            raise RecordingError(f"{self.path}: {topic} is too large: {error}") from None
 
     @staticmethod
     def _is_terms(topic: str) -> bool:
@@ -488,6 +492,8 @@ class Recording(Bag):
                     raise RecordingError(
                         f"{self.path}: {topic} cannot be read as JointState: {error}"
                     ) from None
+                if len(fillings[topic]) > self.topics[topic].count:
+                    return self._tables(fillings)  # raises
         return self._tables(fillings)
 
     def _tables(self, fillings: dict[str, Filling]) -> dict[str, JointTable]:
@@ -566,15 +572,18 @@ class Recording(Bag):
         topic = self.topics.get(name)
         if topic is None:
             return []
-        if topic.size > MAX_TEXT:
-            topic.unreadable = f"its messages have more than the {MAX_TEXT} bytes allowed"
         if topic.count and topic.type != type_name:
             topic.refuse(0, -1, f"its type is {topic.type or 'not given'}")
         if topic.unreadable:
             return []
         parsed: list[tuple[int, Parsed]] = []
+        size = 0
         for block in self.blocks([name]):
             messages = block[name]
+            size += int((messages.end - messages.start).sum())
+            if size > _TEXT:
+                topic.unreadable = f"its messages have more than the {_TEXT} bytes that are read"
+                return []
             for data, log_ns in zip(messages.bytes(), messages.log_time_ns.tolist(), strict=True):
                 try:
                     parsed.append((log_ns, parse(data)))

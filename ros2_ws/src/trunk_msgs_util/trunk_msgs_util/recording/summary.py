@@ -26,7 +26,6 @@ from mcap.stream_reader import StreamReader
 
 from .content import Content
 from .digests import DIGESTS, END, PROVENANCE
-from .limits import MAX_CHUNK
 from .mcap_file import (
     ERROR,
     INFO,
@@ -37,7 +36,7 @@ from .mcap_file import (
     Record,
     records,
 )
-from .messages import HEAD, MAGIC, MESSAGE_HEAD
+from .messages import HEAD, LIMIT, MAGIC, MESSAGE_HEAD, allowed
 from .schemas import describes
 from .topic import STAMPED, Topic
 
@@ -79,7 +78,7 @@ def read_summary(file: BinaryIO, size: int) -> Summary | None:
     start = footer.summary_start
     if not start:
         return None
-    if not len(MAGIC) <= start <= at or at - start > MAX_CHUNK:
+    if not len(MAGIC) <= start <= at or at - start > LIMIT:
         raise ValueError(f"the footer says that the summary begins at byte {start}")
     file.seek(start)
     data = file.read(size - start)
@@ -113,7 +112,7 @@ def open_by_summary(path: Path, topics: dict[str, Topic]) -> McapFile | None:
         with path.open("rb") as file:
             size = path.stat().st_size
             summary = read_summary(file, size)
-            if summary is None or summary.statistics is None or not _fits(summary):
+            if summary is None or summary.statistics is None or not _fits(summary, size):
                 return None
             recording.whole = True
             file.seek(8)
@@ -131,7 +130,7 @@ def open_by_summary(path: Path, topics: dict[str, Topic]) -> McapFile | None:
     return recording
 
 
-def _fits(summary: Summary) -> bool:
+def _fits(summary: Summary, size: int) -> bool:
     """Return whether the summary is complete and its chunks are contiguous."""
     statistics = summary.statistics
     if statistics is None or summary.footer.summary_crc not in (0, summary.crc):
@@ -145,7 +144,7 @@ def _fits(summary: Summary) -> bool:
     return (
         end <= summary.start
         and count == sum(statistics.channel_message_counts.values())
-        and count * MESSAGE_HEAD.size <= unpacked
+        and count * MESSAGE_HEAD.size <= unpacked <= allowed(size)
         and statistics.chunk_count == len(summary.chunks) > 0
         and statistics.channel_count == len(summary.channels)
         and statistics.metadata_count == len(summary.metadata)

@@ -10,7 +10,6 @@ import numpy as np
 from .. import topics as names
 from ..units import NANOSECONDS, seconds
 from .joint_table import UnreadableError, pieces
-from .limits import MAX_JOINTS, MAX_LAYOUTS, LimitError, check_table
 from .messages import unaligned
 
 if TYPE_CHECKING:
@@ -63,7 +62,6 @@ class Topic:
     unreadable: str = ""  # a message that cannot be read, and why: none is read
     # Of a JointState topic's messages, in the order of the file, each with its frame:
     layouts: dict[JointStateLayout, None] = field(default_factory=dict, repr=False, compare=False)
-    _names: set[str] = field(default_factory=set, repr=False, compare=False)
 
     @property
     def readable(self) -> int:
@@ -91,28 +89,15 @@ class Topic:
         if self.type == names.JOINT_STATE_TYPE and not (self.unreadable or self.is_read()):
             try:
                 parts = pieces(messages)
-                self._take_layouts(parts, len(messages), int((messages.end - messages.start).sum()))
+                self.layouts |= dict.fromkeys(part.layout for part in parts)
             except UnreadableError as error:
                 self.refuse(self.count + error.row, int(log[error.row]), str(error))
-            except LimitError as error:
-                self.unreadable = str(error)
         self.count += len(messages)
         self.size += int((messages.end - messages.start).sum())
         if len(messages) and (self.is_read() or not self.unreadable):
             self.take_stamps(messages)
             self.take_log(log)
         return None if self.unreadable else parts
-
-    def _take_layouts(self, parts: list[Piece], count: int, size: int) -> None:
-        """Raise LimitError where a table of the messages would take more than these themselves."""
-        new = [part.layout for part in parts if part.layout not in self.layouts]
-        self.layouts |= dict.fromkeys(new)
-        self._names.update(name for layout in new for name in layout.name)
-        if len(self.layouts) > MAX_LAYOUTS:
-            raise LimitError(f"its messages have more than {MAX_LAYOUTS} layouts")
-        if len(self._names) > MAX_JOINTS:
-            raise LimitError(f"its messages name more than {MAX_JOINTS} joints")
-        check_table(self.count + count, len(self._names), self.size + size)
 
     def take_stamps(self, messages: Messages) -> None:
         """Take account of the stamps of one or more messages."""
