@@ -254,8 +254,7 @@ def _only_process(run: RecordedRun, node: str, name: str) -> Process:
             current = process
         mine.append(event)
     parameters = run.recording.parameters().get(name, {})
-    changed = [change for change in run.recording.parameter_changes() if change.node == name]
-    return Process(node, "", str(run.path), parameters, mine, changed)
+    return Process(node, "", str(run.path), parameters, mine, run.parameter_changes(node))
 
 
 def is_whole(run: RecordedRun, process: Process) -> bool:

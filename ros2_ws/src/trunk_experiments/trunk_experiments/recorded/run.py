@@ -177,8 +177,14 @@ class RecordedRun:
     @cached_property
     def _taken(self) -> Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]:
         """The joints and quantities that a plant of ours gives or takes by topic; none without one."""
-        simulator = self.process("simulator")  # known without its messages
-        joints = simulator.parameters.get("joints") if simulator else None
+        # In real time its process is known before any messages, which other nodes' parameters are not.
+        simulator = self.process("simulator") if self.real_time else None
+        values = (
+            simulator.parameters
+            if simulator
+            else self.recording.parameters().get(self.recording.topic("simulator"), {})
+        )
+        joints = values.get("joints")
         if not isinstance(joints, tuple) or len(joints) != 2:
             return {}
         hip, trunk = map(str, joints)
@@ -380,9 +386,12 @@ class RecordedRun:
         return self._configs[node]
 
     def parameter_changes(self, node: str) -> Sequence[ParameterChange]:
-        """Return a node's changes of parameters in file order."""
-        process = self.process(node)
-        return process.changed if process else ()
+        """Return a node's changes in file order; in real time those of the process that acted."""
+        if self.real_time:
+            process = self.process(node)
+            return process.changed if process else ()
+        name = self.recording.topic(node)
+        return [change for change in self.recording.parameter_changes() if change.node == name]
 
     def processes(self, node: str) -> list[Process]:
         """Return the processes that a node had, in the order of their events and parameters."""
