@@ -171,50 +171,52 @@ def test_an_honest_run_shows_what_its_plan_gives(name, base, tmp_path):
 # Forgeries. In real time a message names its process.
 
 
-def fall_at_no_state(found: Content, source: str = "") -> None:
+def fall_at_no_state(recorded: Content, source: str = "") -> None:
     data = event(1, "/simulator", Event.FELL, {"angle": 0.001, "limit": 1.57}, source=source)
-    found.messages.insert(0, [EVENTS, 0, data, 0, 0])
-    number(found.messages)
+    recorded.messages.insert(0, [EVENTS, 0, data, 0, 0])
+    number(recorded.messages)
 
 
-def a_fall_of_another_process(found: Content) -> None:
-    fall_at_no_state(found, source_of("simulator", 2))
+def a_fall_of_another_process(recorded: Content) -> None:
+    fall_at_no_state(recorded, source_of("simulator", 2))
 
 
-def links_of_another_process(found: Content) -> None:
+def links_of_another_process(recorded: Content) -> None:
     source = source_of("simulator", 2)
     data = event(1, "/simulator", Event.PASSED_ON, {"states lost": 0}, source=source)
-    found.messages.insert(0, [EVENTS, 0, data, 0, 0])
-    number(found.messages)
+    recorded.messages.insert(0, [EVENTS, 0, data, 0, 0])
+    number(recorded.messages)
 
 
-def an_external_controller(found: Content) -> None:
+def an_external_controller(recorded: Content) -> None:
     """An event says that somebody's node was connected, and its reference is what the angle was."""
-    found.channels["/reference"] = replace(found.channels["/effort_command"], topic="/reference")
+    recorded.channels["/reference"] = replace(
+        recorded.channels["/effort_command"], topic="/reference"
+    )
     values = {"node": "/x", "middleware": "Fast DDS"}
-    data = event(-1, "/simulator", Event.CONNECTED, values, source=_source_in(found))
-    found.messages.insert(0, [EVENTS, 0, data, 0, 0])
-    number(found.messages)
+    data = event(-1, "/simulator", Event.CONNECTED, values, source=_source_in(recorded))
+    recorded.messages.insert(0, [EVENTS, 0, data, 0, 0])
+    number(recorded.messages)
 
 
-def _source_in(found: Content) -> str:
-    return source_of("simulator") if found.of("/plant/inputs") else ""
+def _source_in(recorded: Content) -> str:
+    return source_of("simulator") if recorded.of("/plant/inputs") else ""
 
 
 def ghost(node: str, name: str, value: Any, configured: bool = False) -> Forgery:
     """Return the parameters of a process that sent nothing, before all others."""
 
-    def forge(found: Content) -> None:
-        message = next(m for m in found.of(PARAMETERS) if _node_of(m) == node)
+    def forge(recorded: Content) -> None:
+        message = next(m for m in recorded.of(PARAMETERS) if _node_of(m) == node)
         told = parse_parameter_event(message[2])
         assert name in told.new
         kinds = {key: "double array" for key, v in told.new.items() if v == ()}
         values, source = {**told.new, name: value}, source_of(node, 9)
         data = parameter_event(told.stamp_ns, told.node, values, {}, kinds, source)
-        found.messages.insert(0, [PARAMETERS, 0, data, 0, 0])
+        recorded.messages.insert(0, [PARAMETERS, 0, data, 0, 0])
         if configured:
-            configure(found.messages, node, process=9)
-        number(found.messages)
+            configure(recorded.messages, node, process=9)
+        number(recorded.messages)
 
     return forge
 
@@ -223,15 +225,15 @@ def _node_of(message: list[Any]) -> str:
     return parse_parameter_event(message[2]).node.removeprefix("/")
 
 
-def terms_of_another(found: Content) -> None:
+def terms_of_another(recorded: Content) -> None:
     """Where PID acts, fuzzy PID has terms with a reference of its own, too."""
-    terms = found.of("/fuzzy_pid/state")[0][2]
-    for message in found.of("/pid/state"):
+    terms = recorded.of("/fuzzy_pid/state")[0][2]
+    for message in recorded.of("/pid/state"):
         stamp_ns = stamp_at(message[2])
         data = changed(terms, partial(_told_at, stamp_ns))
-        place = found.messages.index(message)
-        found.messages.insert(place, ["/fuzzy_pid/state", message[1], data, *message[3:]])
-    number(found.messages)
+        place = recorded.messages.index(message)
+        recorded.messages.insert(place, ["/fuzzy_pid/state", message[1], data, *message[3:]])
+    number(recorded.messages)
 
 
 def _told_at(stamp_ns: int, terms: Any) -> None:
@@ -239,42 +241,46 @@ def _told_at(stamp_ns: int, terms: Any) -> None:
     terms.position = np.append(0.123, terms.position[1:])
 
 
-def a_strangers_disturbance(found: Content) -> None:
-    for message in found.of(DISTURBANCE):
+def a_strangers_disturbance(recorded: Content) -> None:
+    for message in recorded.of(DISTURBANCE):
         data = in_frame(changed(message[2], _of_seven), "")
-        found.messages.insert(found.messages.index(message), [*message[:2], data, *message[3:]])
-    number(found.messages)
+        recorded.messages.insert(
+            recorded.messages.index(message), [*message[:2], data, *message[3:]]
+        )
+    number(recorded.messages)
 
 
 def _of_seven(disturbance: Any) -> None:
     disturbance.effort = np.full(2, 7.0)
 
 
-def terms_of_a_stranger(found: Content) -> None:
-    for message in found.of("/fuzzy_pid/state"):
+def terms_of_a_stranger(recorded: Content) -> None:
+    for message in recorded.of("/fuzzy_pid/state"):
         data = in_frame(changed(message[2], partial(_told_at, stamp_at(message[2]))), "")
-        found.messages.insert(found.messages.index(message), [*message[:2], data, *message[3:]])
-    number(found.messages)
+        recorded.messages.insert(
+            recorded.messages.index(message), [*message[:2], data, *message[3:]]
+        )
+    number(recorded.messages)
 
 
-def a_strangers_last_command(found: Content) -> None:
-    message = found.of("/effort_command")[-1]
+def a_strangers_last_command(recorded: Content) -> None:
+    message = recorded.of("/effort_command")[-1]
     data = in_frame(changed(message[2], _of_one_n_m), "")
-    found.messages.insert(found.messages.index(message), [*message[:2], data, *message[3:]])
-    number(found.messages)
+    recorded.messages.insert(recorded.messages.index(message), [*message[:2], data, *message[3:]])
+    number(recorded.messages)
 
 
 def _of_one_n_m(command: Any) -> None:
     command.effort = np.ones(1)
 
 
-def inactive_at_the_end(found: Content) -> None:
+def inactive_at_the_end(recorded: Content) -> None:
     """An event says that the controller was made inactive, which it was meant to be."""
-    last = found.messages[-1][1]
-    stamp_ns = stamp_at(found.of(TRUTH)[-1][2])
+    last = recorded.messages[-1][1]
+    stamp_ns = stamp_at(recorded.of(TRUTH)[-1][2])
     data = event(stamp_ns, "/pid", Event.DEACTIVATED, {}, source=source_of("pid"))
-    found.messages.append([EVENTS, last, data, last, 0])
-    number(found.messages)
+    recorded.messages.append([EVENTS, last, data, last, 0])
+    number(recorded.messages)
 
 
 CLOSED = [
@@ -303,27 +309,27 @@ KNOWN = [
     [*CLOSED, *(pytest.param(*one, marks=pytest.mark.xfail(strict=True)) for one in KNOWN)],
 )
 def test_a_forged_run_is_refused_or_shows_what_its_plan_gives(name, forge, base, tmp_path):
-    found = base(name)
-    forge(found)
-    write_file(found, tmp_path / "run.mcap", ANEW)
+    recorded = base(name)
+    forge(recorded)
+    write_file(recorded, tmp_path / "run.mcap", ANEW)
     assert not differences(tmp_path / "run.mcap")
 
 
 @pytest.mark.xfail(strict=True)
 def test_an_event_does_not_hide_that_nobody_held_the_trunk(base, tmp_path):
-    found = base("silent")
-    inactive_at_the_end(found)
-    write_file(found, tmp_path / "run.mcap", ANEW)
+    recorded = base("silent")
+    inactive_at_the_end(recorded)
+    write_file(recorded, tmp_path / "run.mcap", ANEW)
     run = RecordedRun(Recording.open(tmp_path / "run.mcap", whole=True))
     assert verdict_on(run).exit_code != VERIFIED
 
 
 def test_what_acted_is_shown_of_a_controller_that_was_started_again(base, tmp_path):
     """It was started with other values before, and ended before the run."""
-    found = base("real_time")
-    acted = RecordedRun(write(found, tmp_path / "before.mcap", ANEW)).parameters["fuzzy_pid"]
-    ghost("fuzzy_pid", "gains.p_max", 999.0, configured=True)(found)
-    run = RecordedRun(write(found, tmp_path / "run.mcap", ANEW))
+    recorded = base("real_time")
+    acted = RecordedRun(write(recorded, tmp_path / "before.mcap", ANEW)).parameters["fuzzy_pid"]
+    ghost("fuzzy_pid", "gains.p_max", 999.0, configured=True)(recorded)
+    run = RecordedRun(write(recorded, tmp_path / "run.mcap", ANEW))
     assert verdict_on(run).exit_code == VERIFIED
     assert run.parameters["fuzzy_pid"] == acted
 
@@ -336,11 +342,11 @@ def turned(message: Any) -> None:
 
 
 def test_joints_are_told_by_their_names(base, tmp_path):
-    found = base("offline")
-    before = RecordedRun(write(found, tmp_path / "before.mcap", ANEW)).evidence
-    for message in [*found.of(TRUTH), *found.of("/joint_states")]:
+    recorded = base("offline")
+    before = RecordedRun(write(recorded, tmp_path / "before.mcap", ANEW)).evidence
+    for message in [*recorded.of(TRUTH), *recorded.of("/joint_states")]:
         message[2] = changed(message[2], turned)
-    after = RecordedRun(write(found, tmp_path / "run.mcap", ANEW)).evidence
+    after = RecordedRun(write(recorded, tmp_path / "run.mcap", ANEW)).evidence
     for one in ("true", "measurements"):
         rows = (0, 51) if one == "true" else (before.stamps,)
         assert np.array_equal(getattr(before, one)(*rows), getattr(after, one)(*rows))
@@ -353,11 +359,11 @@ OPEN = re.compile(r"parameter another type: .*|event added: simulator connected 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "share"), [("offline", 0.01), ("real_time", 0.005)])
 def test_an_edited_run_is_refused_or_shows_what_its_plan_gives(name, share, base, tmp_path):
-    found, chosen = base(name), sample(share)
+    recorded, chosen = base(name), sample(share)
     verified, wrong = 0, {}
-    for edit in filter(chosen, edits_of(found)):
-        edited = found.copy()
-        if edit.apply(edited) is False or edited == found:
+    for edit in filter(chosen, edits_of(recorded)):
+        edited = recorded.copy()
+        if edit.apply(edited) is False or edited == recorded:
             continue
         write_file(edited, tmp_path / "run.mcap", ANEW)
         if OPEN.fullmatch(f"{edit.kind}: {edit.name}"):

@@ -8,7 +8,7 @@ It publishes the gains (Kp, Ki, Kd) that ``fuzzy_pid`` infers from the same stat
 Its parameters are those of ``fuzzy_pid``; the limits of the torque change nothing here.
 """
 
-from contextlib import suppress
+import sys
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -18,6 +18,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 from trunk_control.controller import Controller
 from trunk_control.controller_node import Inputs
 from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.ros_parameters import NodeParameters
 
@@ -58,8 +59,12 @@ class FuzzyGains(Node):
 def main():
     """Publish gains until Ctrl-C."""
     rclpy.init()
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
+    try:
         rclpy.spin(FuzzyGains())
+    except TrunkError as error:  # a parameter that is not allowed
+        sys.exit(f"fuzzy_gains: {error}")
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
 
 
 if __name__ == "__main__":

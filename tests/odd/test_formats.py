@@ -74,7 +74,7 @@ def test_a_strangers_file_is_not_said_to_have_ended_badly(tmp_path, trunk, libra
         assert "did not finish" not in out + err
 
 
-CONVERT = "rosbags-convert --src BAG --dst NEW --dst-storage mcap makes one of another kind of bag"
+CONVERT = "to convert another kind of bag: rosbags-convert --src BAG --dst NEW --dst-storage mcap"
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_another_format_is_refused_with_the_command_for_bags(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "a bag"
     path.write_bytes(b"SQLite format 3\0\x10\0" + bytes(100))
-    why = "it begins otherwise, or is compressed as a whole"
+    why = "it does not begin as one: if it is compressed, unpack it"
     says = f"trunk: error: {path} is not an MCAP recording: {why}; {CONVERT}\n"
     assert trunk(verb[0], path, *verb[1:]) == (2, "", says)
 

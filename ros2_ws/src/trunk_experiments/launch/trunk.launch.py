@@ -70,8 +70,8 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             output="screen",
             on_exit=end.on_exit(node.executable),
         )
-    said = [f"warning: {text}" for text in plan.warnings] + [f"recording: {files.recording}"]
-    return [*(LogInfo(msg=line) for line in said), *end.actions.values()]
+    lines = [f"warning: {text}" for text in plan.warnings] + [f"recording: {files.recording}"]
+    return [*(LogInfo(msg=line) for line in lines), *end.actions.values()]
 
 
 def generate_launch_description() -> LaunchDescription:

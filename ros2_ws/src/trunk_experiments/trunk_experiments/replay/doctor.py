@@ -65,13 +65,13 @@ def findings(run: RecordedRun) -> list[Finding]:
         raise RecordingError(f"{path}: {error.strerror}: give a readable file") from None
     # The structure check has already reported what the scan says of damaged bytes, with their place.
     known = {finding.message for finding in problems}
-    told = [file for file in recording.opened if file.warning in known]
-    said = {text for f in told for text in (f.warning, f"{f.path.name}: {f.warning}")}
+    faulty = [file for file in recording.opened if file.warning in known]
+    repeated = {text for f in faulty for text in (f.warning, f"{f.path.name}: {f.warning}")}
     foreign = recording.ending is Ending.FOREIGN
     problems += [
         Finding(WARNING if foreign and warning == recording.unfinished else ERROR, warning)
         for warning in recording.warnings
-        if warning not in said
+        if warning not in repeated
     ]
     problems += _provenance(run)
     content: list[Finding] = []

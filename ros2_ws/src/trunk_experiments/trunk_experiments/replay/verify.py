@@ -56,8 +56,8 @@ def verdict_on(run: RecordedRun) -> Verdict:
     recording = run.recording
     run.read_whole()
     verdict = Verdict()
-    said = [silence(run), recording.unfinished, *recording.further_warnings]
-    verdict.obstacles += dict.fromkeys(filter(None, said))
+    doubts = [silence(run), recording.unfinished, *recording.further_warnings]
+    verdict.obstacles += dict.fromkeys(filter(None, doubts))
     verdict.obstacles += recording.seen_otherwise
     verdict.altered = recording.alterations()
     verdict.notes += [run.branch.describe()] if run.branch else []

@@ -103,7 +103,7 @@ def _watch(
     note: Callable[[str], None],
 ) -> tuple[bool, str]:
     """Return whether it was heard that the run has finished, and who stopped it; empty: nobody."""
-    starting, silence, told = Deadline(START_TIMEOUT_S), Deadline(SILENCE_S), 0
+    starting, silence, signs = Deadline(START_TIMEOUT_S), Deadline(SILENCE_S), 0
     own = {name: (running.get(COMPOSED) or running[name]).identity for name in plan.configs}
     simulator = running.get(COMPOSED) or running["simulator"]
     while simulator.exit_code is None:
@@ -120,8 +120,8 @@ def _watch(
             begun = "; the recording holds the run up to here"
             raise StoppedError(ends, begun if monitor.started else " before the run began")
         _check_alive(running, simulator, monitor)
-        if monitor.told != told or not monitor.started:
-            told = monitor.told
+        if monitor.signs_of_life != signs or not monitor.started:
+            signs = monitor.signs_of_life
             silence.restart()
         if silence.passed:
             simulator.signal(signal.SIGKILL)  # it would not hear anything else

@@ -23,7 +23,7 @@ class Monitor:
     def __init__(self) -> None:
         self.started = False
         self.finished = False  # the simulator has reported the run as whole
-        self.told = 0  # how often there was a sign of life
+        self.signs_of_life = 0  # of the simulator
         self.ready: set[str] = set()
         self._processes: defaultdict[str, set[str]] = defaultdict(set)  # of each node's name
         # Of each event the node, the message and the values; who has read them clears them.
@@ -65,7 +65,7 @@ class Monitor:
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {v.key: v.value for v in status.values}
-            self.told += 1
+            self.signs_of_life += status.name == "/simulator"
             self.events.append((status.name, status.message, values))
             if status.message == Event.STARTED:
                 self.started = True
@@ -82,7 +82,7 @@ class Monitor:
         for status in message.status:
             if status.name == "/simulator":  # not one in another namespace: the topic is shared
                 values = {v.key: v.value for v in status.values}
-                self.told += 1
+                self.signs_of_life += 1
                 self.time = float(values.get("time", self.time))
                 waits = (values.get(name, "") for name in ("waiting for", "seen instead"))
                 self.waits_for = Wait(*waits)

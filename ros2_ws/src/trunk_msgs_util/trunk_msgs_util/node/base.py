@@ -253,8 +253,8 @@ class TrunkNode(ManagedNode, Generic[Config]):
     def _publish_diagnostics(self) -> None:
         state = "active" if self.active else "inactive" if self.configured else "unconfigured"
         waits = {"waiting for": self._waits_for.what, "seen instead": self._waits_for.seen_instead}
-        said = {name: text for name, text in waits.items() if text}
-        values = {"lifecycle": state, **said, **self.diagnostics(), **self.counters}
+        waits = {name: text for name, text in waits.items() if text}
+        values = {"lifecycle": state, **waits, **self.diagnostics(), **self.counters}
         level = DiagnosticStatus.WARN if self.counters else DiagnosticStatus.OK
         message = ", ".join(f"{name} {count}" for name, count in self.counters.items()) or "ok"
         self._diagnostics_topic.publish(

@@ -27,7 +27,7 @@ def not_mcap(path: Path, why: str) -> RecordingError:
     """Return the error for what is not MCAP, with the command that makes MCAP of a bag."""
     return RecordingError(
         f"{path} is not an MCAP recording: {why}; "
-        "rosbags-convert --src BAG --dst NEW --dst-storage mcap makes one of another kind of bag"
+        "to convert another kind of bag: rosbags-convert --src BAG --dst NEW --dst-storage mcap"
     )
 
 

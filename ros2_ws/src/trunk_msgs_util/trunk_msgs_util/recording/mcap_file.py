@@ -330,8 +330,10 @@ class McapFile:
         content = content_of(record) if record.opcode in BLOCKS else None
         self._unpacked += len(content.data) if content else 0
         if self._unpacked > self._allowed or max(len(self.channels), len(self.schemas)) > _CHANNELS:
-            said = f"more than {self._allowed} bytes unpacked, or {_CHANNELS} channels or schemas"
-            raise RecordingError(f"{self.path} is too large to be read: {said}")
+            limit = f"more than {self._allowed} bytes unpacked, or {_CHANNELS} channels or schemas"
+            raise RecordingError(
+                f"{self.path} is too large to be read: {limit}; record shorter runs"
+            )
         for opcode, body in content.others if content else [(record.opcode, record.body)]:
             part = Record(record.offset, opcode, body, record.end)
             if content and is_known(opcode) and opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -549,7 +551,7 @@ def check_magic(path: Path, file: BinaryIO, size: int) -> None:
     if size == 0:
         raise RecordingError(f"{path} is empty: nothing was recorded; record the run again")
     if file.read(len(MAGIC)) != MAGIC:
-        raise not_mcap(path, "it begins otherwise, or is compressed as a whole")
+        raise not_mcap(path, "it does not begin as one: if it is compressed, unpack it")
 
 
 def numbered(record: Record) -> int | None:

@@ -202,8 +202,8 @@ def _ambiguous(file: McapFile) -> Iterator[Finding]:
     counts = Counter(name for name, _ in file.metadata_records)
     for name in (PROVENANCE, END, DIGESTS):
         if counts[name] > 1:
-            said = f"{counts[name]} records {name}: other readers may take any of them"
-            yield Finding(ERROR, said)
+            twice = f"{counts[name]} records {name}: other readers may take any of them"
+            yield Finding(ERROR, twice)
     texts = [(s.name, s.data) for s in file.schemas.values() if s.encoding == "ros2msg"]
     for name, text in dict.fromkeys(texts):
         if text and name in STAMPED and not describes(text, name):
