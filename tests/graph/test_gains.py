@@ -97,3 +97,11 @@ def test_the_pid_of_the_page_holds_the_trunk(
         given = {-p * angle + i * integral - d * rate for p, i, d in told}
         by_gains += by_stamp.get((sec, nanosec)) in given
     assert by_gains
+
+
+def test_a_parameter_that_is_not_allowed_is_one_line(children: Children) -> None:
+    words = ("--ros-args", "-p", "gains.p_max:=-1.0")
+    node = children.start("gains", sys.executable, EXAMPLES / "nodes" / "fuzzy_gains.py", *words)
+    assert node.wait() == 1
+    assert node.stderr.startswith("fuzzy_gains: parameter 'gains.p_max': -1.0 is not allowed")
+    assert node.stderr.count("\n") == 1
