@@ -52,9 +52,9 @@ def test_a_signature_finds_a_changed_byte(run, tmp_path, monkeypatch):
     for line in (*lines, check):
         held, said = holds(line)
         assert held, (line, said)
-    assert said.startswith('Good "trunk" signature for ada@example.org')
+    assert said.startswith('Good "trunk" signature for me@example.org')
     (note,) = trunk.verify(run).notes
-    noted = note.partition(": ")[2].replace("WHO", "ada@example.org")
+    noted = note.partition(": ")[2].replace("WHO", "me@example.org")
     assert noted == check
     whole = bytearray(run.read_bytes())
     for place in (0, len(whole) // 2, len(whole) - 1):
@@ -64,7 +64,7 @@ def test_a_signature_finds_a_changed_byte(run, tmp_path, monkeypatch):
         whole[place] ^= 1
     run.write_bytes(whole)
     assert holds(check)[0]
-    assert not holds(check.replace("ada@", "bob@"))[0]
+    assert not holds(check.replace("me@", "another@"))[0]
     assert not holds(check.replace("trunk", "file"))[0]
 
 
