@@ -33,8 +33,8 @@ import numpy as np
 from trunk_experiments.gateway.process import LOOPBACK, GatewayProcess
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_experiments.recorded.facts import late_steps
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.doubts import late_steps
 from trunk_experiments.runs.graph import run_graph
 from trunk_experiments.runs.node_processes import NodeProcess, find_executable, stop
 from trunk_experiments.runs.run_files import RunFiles

@@ -8,8 +8,8 @@ import pytest
 from trunk_control.controller import Controller
 from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change, Timeline
+from trunk_experiments.recorded.facts import late_steps
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.doubts import late_steps
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_experiments.runs import engine
 from trunk_experiments.runs.loop_inputs import states_of

@@ -9,9 +9,10 @@ from ros2_ws.src.trunk_experiments.test.test_doubts import fallen
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.facts import Late, late_steps
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import doubts
-from trunk_experiments.replay.doubts import Late, doubts_of, late_steps
+from trunk_experiments.replay.doubts import doubts_of
 from trunk_experiments.runs.loop_inputs import states_of
 from trunk_experiments.runs.offline_recording import record_offline
 

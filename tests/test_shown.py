@@ -283,7 +283,7 @@ def inactive_at_the_end(recorded: Content) -> None:
     number(recorded.messages)
 
 
-CLOSED = [
+FORGERIES = [
     ("real_time", ghost("simulator", "max_effort", 1.0)),
     ("real_time", ghost("fuzzy_pid", "gains.p_max", 999.0)),
     ("real_time", ghost("fuzzy_pid", "gains.p_max", 999.0, configured=True)),
@@ -293,8 +293,6 @@ CLOSED = [
     ("real_time", terms_of_a_stranger),
     ("real_time", a_strangers_disturbance),
     ("real_time", a_strangers_last_command),
-]
-KNOWN = [
     ("offline", fall_at_no_state),
     ("real_time", fall_at_no_state),
     ("real_time", a_fall_of_another_process),
@@ -304,10 +302,7 @@ KNOWN = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("name", "forge"),
-    [*CLOSED, *(pytest.param(*one, marks=pytest.mark.xfail(strict=True)) for one in KNOWN)],
-)
+@pytest.mark.parametrize(("name", "forge"), FORGERIES)
 def test_a_forged_run_is_refused_or_shows_what_its_plan_gives(name, forge, base, tmp_path):
     recorded = base(name)
     forge(recorded)
@@ -315,7 +310,6 @@ def test_a_forged_run_is_refused_or_shows_what_its_plan_gives(name, forge, base,
     assert not differences(tmp_path / "run.mcap")
 
 
-@pytest.mark.xfail(strict=True)
 def test_an_event_does_not_hide_that_nobody_held_the_trunk(base, tmp_path):
     recorded = base("silent")
     inactive_at_the_end(recorded)

@@ -12,9 +12,9 @@ from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
+from trunk_experiments.recorded.facts import Late, late_steps
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.branch import Branch
-from trunk_experiments.replay.doubts import Late, late_steps
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event

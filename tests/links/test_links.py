@@ -12,10 +12,10 @@ from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.errors import PlanError
 from trunk_experiments.gym.task import make_task
 from trunk_experiments.plans.plan import RunPlan
+from trunk_experiments.recorded.facts import Late, late_steps
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.branch import Branch
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.doubts import Late, late_steps
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event

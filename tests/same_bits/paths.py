@@ -189,7 +189,7 @@ def differences(
 
 def _summary(run: RecordedRun) -> RunSummary:
     """Return the outcome of a recorded run."""
-    table, fell = RunTable.of_run(run), run.recording.fell_at_ns is not None
+    table, fell = RunTable.of_run(run), run.fall is not None
     if not run.recording.complete:
         return RunSummary(None, float(table.t[-1]), fell=fell)
     return RunSummary(metrics(table), fell=fell)

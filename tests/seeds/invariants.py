@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Protocol
 
+from trunk_experiments.recorded.facts import silence_of
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.doubts import silence
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
@@ -115,7 +115,7 @@ def _recorded(run: Run, recording: Recording) -> Iterator[str]:
     if harmless(run.story):
         if not recording.complete:
             yield f"no harm was done to it, but it is incomplete: {recording.end}"
-        elif verdict.exit_code != VERIFIED and not silence(
+        elif verdict.exit_code != VERIFIED and not silence_of(
             found
         ):  # a stall may outlast a short run
             yield f"no harm was done to it, but it {verdict.word}: {'; '.join(verdict.reasons)[:300]}"

@@ -8,11 +8,12 @@ from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, content, copied, w
 
 from trunk_experiments.plans.plan import Swap, make_plan
 from trunk_experiments.plans.timeline import Change
+from trunk_experiments.recorded.facts import late_steps
 from trunk_experiments.recorded.inputs import pulses_of
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import rerun
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.doubts import doubts_of, late_steps, refused
+from trunk_experiments.replay.doubts import doubts_of, refused
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.replay.verify import verdict_on as verdict_of
 from trunk_experiments.runs import engine

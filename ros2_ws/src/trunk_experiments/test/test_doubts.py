@@ -8,8 +8,9 @@ import pytest
 from mcap.reader import make_reader
 
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.facts import Late, late_steps
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.doubts import Doubts, Late, doubts_of, late_steps
+from trunk_experiments.replay.doubts import Doubts, doubts_of
 from trunk_experiments.results import values
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.compare import best_of
@@ -71,6 +72,7 @@ def test_words_and_values():
         "fell_angle_deg": -93.2,
         "beyond_90": None,
         "silent": None,
+        "unsound": [],
         "refused": [],
         "late": {"steps": 35, "of": 10_000, "moved_deg": 140.2},
         "judged": "diverges",
@@ -84,6 +86,7 @@ def test_words_and_values():
         "fell_angle_deg": None,
         "beyond_90": None,
         "silent": None,
+        "unsound": [],
         "refused": [],
         "late": None,
         "judged": None,

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from trunk_experiments.cli import main
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.results import plain
 from trunk_msgs_util.recording.reader import Recording
 
@@ -110,7 +111,7 @@ def test_what_is_said_of_a_run(recordings_here, command_says):
     for document in of.values():
         assert document["doubts"]["complete"] is True
         assert document["doubts"]["reason"] is None
-        assert document["doubts"]["fell"] == Recording.open("a.mcap").fell_at_ns / 1e9
+        assert document["doubts"]["fell"] == RecordedRun.open("a.mcap").fall.stamp_ns / 1e9
         assert document["doubts"]["late"] is None
     judged = {name: document["doubts"]["judged"] for name, document in of.items()}
     assert judged == {"info-1": None, "metrics-1": None, "verify-2": "verified"}

@@ -328,7 +328,7 @@ def test_a_fall_is_marked_in_the_animation_and_in_every_chart_over_time(reported
     plan = make_plan("fig8", "fuzzy_pid", settings=["simulator.duration=1.5"])
     view = recorded(plan, tmp_path / "run.mcap")
     page = reported([view])
-    fell = view.recording.fell_at_ns / 1e9
+    fell = view.run.fall.stamp_ns / 1e9
     for time, words in (
         (fell - 0.01, "not yet"),
         (fell, f"at {fell:g} s"),

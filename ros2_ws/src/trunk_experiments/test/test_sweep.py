@@ -118,8 +118,8 @@ def test_falls_are_by_each_run_s_own_angle_as_in_its_recording_and_for_limit(tmp
     found = rows(tmp_path / "out.parquet")
     for row, drawn in zip(found, rows_of(columns), strict=True):
         record_offline(plan_of(study, bases, drawn), tmp_path / "run.mcap", overwrite=True)
-        recorded = RecordedRun.open(tmp_path / "run.mcap").recording
-        assert row["fell"] == (recorded.fell_at_ns is not None), row
+        recorded = RecordedRun.open(tmp_path / "run.mcap")
+        assert row["fell"] == (recorded.fall is not None), row
     fallen = Results.read(tmp_path / "out.parquet").fallen
     assert fallen.tolist() == [float(row["fell"]) for row in found]
     assert 0 < fallen.sum() < len(found)

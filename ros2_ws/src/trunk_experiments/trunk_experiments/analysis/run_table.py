@@ -16,6 +16,7 @@ from trunk_msgs_util.recording.joint_table import Column, Floats, Integers, Join
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS, seconds
 
+from ..recorded.facts import joints_of
 from ..recorded.run import RecordedRun
 from .metrics import Metrics, metrics
 
@@ -55,7 +56,7 @@ class RunTable:
 
         ``only`` names what is read besides the true states and the torque; the rest is NaN.
         """
-        hip, trunk = _joints(run)
+        hip, trunk = joints_of(run)
         states = [topics.controller_state(name) for name in run.controllers]
         held = [name for name in _HELD if name in only]
         series = run.series(cls.needed(run, only))
@@ -118,7 +119,7 @@ class RunTable:
         run: RecordedRun, only: Collection[str] = ("theta_measured", *_HELD)
     ) -> dict[str, list[Column]]:
         """Return the columns of the topics that `from_run` reads. Raises as it does."""
-        hip, trunk = _joints(run)
+        hip, trunk = joints_of(run)
         held = [("position", name) for name in _HELD if name in only]
         needed: dict[str, list[Column]] = {
             topics.GROUND_TRUTH: [
@@ -256,38 +257,6 @@ def matched_at(at: Integers, stamps: Integers, values: Floats) -> Floats:
     rows = np.searchsorted(stamps, at, side="right")
     present = np.append(-1, stamps)[rows] == at
     return np.where(present, np.append(np.nan, values)[rows], np.nan)
-
-
-def _joints(run: RecordedRun) -> tuple[str, str]:
-    """Return the names of the hip's and the trunk's joint."""
-    names = run.joint_names(topics.GROUND_TRUTH)
-    topic = run.recording.topic(topics.GROUND_TRUTH)
-    if run.another_robot:
-        raise RecordingError(f"{run.path}: a robot that is not ours: its true states are not known")
-    if not run.count(topics.GROUND_TRUTH):
-        if run.recording.damage:
-            damage = run.recording.damage[0].removeprefix(f"{run.path.name}: ")
-            raise RecordingError(
-                f"{run.path} is damaged, and no messages on {topic} can be read: {damage}; "
-                "record the run again"
-            )
-        raise RecordingError(
-            f"{run.path} has no messages on {topic}: record a run with the simulator in it"
-        )
-    declared = run.parameters.get("simulator", {}).get("joints")
-    if isinstance(declared, tuple) and len(declared) == 2:
-        joints = str(declared[0]), str(declared[1])
-    elif {"hip", "trunk"} <= set(names) or len(names) < 2:
-        joints = "hip", "trunk"
-    else:
-        joints = names[0], names[1]
-    for name in joints:
-        if name not in names:
-            raise RecordingError(
-                f"{run.path}: {topic} has no joint {name!r}, "
-                f"only {', '.join(names)}: set the parameter joints to its names"
-            )
-    return joints
 
 
 def _last_torque(

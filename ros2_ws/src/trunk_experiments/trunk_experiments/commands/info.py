@@ -11,7 +11,6 @@ from typing import Annotated, NamedTuple
 import click
 
 from trunk_msgs_util import topics as names
-from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording, Topic
 from trunk_msgs_util.units import seconds
 
@@ -20,9 +19,10 @@ from ..console.document import json_option, write_json
 from ..console.reading import reading
 from ..console.tables import aligned
 from ..console.terminal import show_warnings
+from ..recorded.facts import links_of
 from ..recorded.run import RecordedRun
 from ..replay.doctor import ERROR, INFO, WARNING, Finding, findings
-from ..replay.doubts import RecordingResult, about, doubts_of
+from ..replay.doubts import RecordingResult, about, incomplete
 from ..results import Count, Keyword
 
 FINE, FINDINGS = 0, 1  # exit codes of --check
@@ -61,11 +61,12 @@ class InfoResult(RecordingResult, document="info-1"):
 
 
 def summary(run: RecordedRun) -> InfoResult:
-    """Return a recording's content, with its doubts as far as its events show them."""
+    """Return a recording's content, and its doubts if all of it was read."""
     recording = run.recording
-    doubts = doubts_of(run, twin=False, whole=recording.checked)
+    # Of a large file only its summary is read.
+    known = about(run) if recording.checked else RecordingResult(run.path, None)
     return InfoResult(
-        **vars(about(run, doubts)),
+        **vars(known),
         files=recording.files,
         bytes=recording.size,
         checked=recording.checked,
@@ -78,18 +79,12 @@ def summary(run: RecordedRun) -> InfoResult:
         provenance=recording.provenance,
         nodes=sorted(recording.parameters()),
         changed=changed_parameters(run),
-        links=links(recording),
+        links=links_of(run),
         topics={
             name: _topic(topic, recording.longest_gap_ns(name) if recording.checked else None)
             for name, topic in sorted(recording.topics.items())
         },
     )
-
-
-def links(recording: Recording) -> dict[str, str]:
-    """Return the counts of messages on a run's links at its end; empty without links."""
-    counts = (event for event in recording.events() if event.message == Event.PASSED_ON)
-    return next((dict(event.values) for event in counts), {})
 
 
 def _topic(topic: Topic, gap_ns: int | None) -> TopicContent:
@@ -148,7 +143,7 @@ def _state(content: InfoResult) -> str:
     """Return a word on a recording's completeness, and its source."""
     if content.checked and content.end is not None:
         return f"complete ({content.end['reason']})"
-    return "complete by its summary; gaps and sizes are not read: --check"
+    return "complete by its summary; gaps, sizes and falls are not read: --check"
 
 
 @dataclass(frozen=True)
@@ -184,7 +179,7 @@ def command(context: click.Context, run: Path, check: bool, as_json: bool) -> No
     if as_json:
         write_json(content)
         return
-    for line in content.doubts.lines if content.doubts else ():
+    for line in content.doubts.lines if content.doubts else incomplete(recorded):
         click.echo(line)
     show_warnings(recording.further_warnings)
     files = f" in {len(content.files)} files" if len(content.files) > 1 else ""

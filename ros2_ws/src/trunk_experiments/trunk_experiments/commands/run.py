@@ -31,8 +31,9 @@ from ..console.progress import progress_bar
 from ..console.reading import about_written
 from ..console.terminal import console, line_of, report_error, show_warnings
 from ..errors import PlanError, RunError
+from ..recorded.facts import silence_of
 from ..recorded.run import RecordedRun
-from ..replay.doubts import RecordingResult, about, doubts_of, silence
+from ..replay.doubts import RecordingResult, about, doubts_of
 from ..results import Count
 from ..runs.graph import run_graph
 from ..runs.launching import connection_lines
@@ -150,7 +151,7 @@ def command(
         show_run(files, run)
     if not recording.complete:
         click.get_current_context().exit(1)
-    if silence(run):
+    if silence_of(run):
         click.get_current_context().exit(2)
 
 

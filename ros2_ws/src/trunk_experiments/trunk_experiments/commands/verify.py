@@ -14,7 +14,6 @@ from ..console.progress import progress_bar
 from ..console.reading import reading
 from ..console.tables import print_table
 from ..recorded.run import RecordedRun
-from ..replay.doubts import Doubts, refused, silence
 from ..replay.verdict import CheckedPart, Verdict, Verification, verification
 from ..replay.verify import verify
 
@@ -51,7 +50,7 @@ def command(ctx: click.Context, run: Path, as_json: bool) -> None:
     if as_json:
         write_json(result)
         ctx.exit(verdict.exit_code)
-    for line in Doubts(silent=silence(recorded) or None, refused=tuple(refused(recorded))).lines:
+    for line in result.doubts.of_inputs if result.doubts else ():
         click.echo(line)
     click.echo(f"{run}: {result.verdict}")
     for obstacle in result.obstacles:

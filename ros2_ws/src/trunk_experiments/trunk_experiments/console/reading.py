@@ -55,11 +55,11 @@ def about_written(path: Path) -> WrittenResult:
 
 
 def show_written_doubts(path: Path) -> None:
-    """Print what makes a newly written recording doubtful, as far as its events show it."""
+    """Print what makes a newly written recording doubtful."""
     if path.is_file():
         with suppress(TrunkError):
             run = RecordedRun(Recording.open_by_summary(path))
-            for line in doubts_of(run, twin=False, whole=False).lines:
+            for line in doubts_of(run, twin=False).lines:
                 click.echo(line)
 
 

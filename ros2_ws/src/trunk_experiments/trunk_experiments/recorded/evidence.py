@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.joint_table import QUANTITIES, Floats, Integers, JointTable
 
 from .inputs import RecordedInputs, most_steps
@@ -39,7 +38,6 @@ class Evidence:
         self._measured = (
             None if simulator.sent_all(self.measured) else simulator.rows(self.measured)
         )
-        self._fell = [e.stamp_ns for e in simulator.events if e.message == Event.FELL]
         self._period_ns = period_ns = simulator.config.period_ns
         stamps = simulator.stamps(self.truth)
         odd = (stamps < 0) | (stamps % period_ns != 0)
@@ -79,11 +77,8 @@ class Evidence:
 
     def fell_before(self, row: int) -> bool:
         """Return True if the trunk fell before a state."""
-        return any(fell_ns < self.stamps[row] for fell_ns in self._fell)
-
-    def falls(self, stamps: Integers) -> Floats:
-        """Return 1.0 at the stamps of recorded falls, else 0.0 [n]."""
-        return np.isin(stamps, self._fell).astype(float)
+        fall = self.run.fall
+        return fall is not None and fall.stamp_ns < int(self.stamps[row])
 
     def _six(self, table: JointTable, rows: Integers) -> Floats:
         """Return both joints' positions, velocities and efforts [n, 6] in these rows, NaN in row -1."""
@@ -110,7 +105,7 @@ class RobotEvidence(Evidence):
         self.measured = run.table(topics.JOINT_STATES)
         self.stamps = np.unique(self.measured.stamp_ns)
         self.index = np.arange(len(self.stamps))
-        self.spans, self.cut_ns, self._fell = [(0, len(self.stamps))], None, []
+        self.spans, self.cut_ns = [(0, len(self.stamps))], None
         trunk = controllers[0].joint
         hip = next((config.hip for config in controllers if config.hip is not None), None)
         joints = "hip" if hip is None else hip, trunk

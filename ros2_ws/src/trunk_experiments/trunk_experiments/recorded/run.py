@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..plans.pushes import Operated
     from ..plans.timeline import Change, Timeline
     from .evidence import Evidence
+    from .facts import Fall
     from .processes import Process
 
 
@@ -161,12 +162,27 @@ class RecordedRun:
         That is the name that the user gave, or else the node's own.
         """
         connected = [e.values.get("node", "") for e in self.events if e.message == Event.CONNECTED]
-        if not connected:
+        if not connected or self._ours_alone:
             return ""
         planned = self.recording.provenance.get("controller", "").split()
         names = [name for name in planned if name not in usable()]
         names += [node.rpartition("/")[2] for node in connected]
         return next(filter(None, names), EXTERNAL)
+
+    @cached_property
+    def _ours_alone(self) -> bool:
+        """True if each command that acted was of a controller of ours."""
+        if self.real_time:
+            sources = self.sources_in_force
+            return bool(sources) and all(map(source_in, sources))
+        from .turns import acts
+
+        stamps = self.recording.joints(self.recording.topic(topics.EFFORT_COMMAND)).stamp_ns
+        ours = np.zeros(len(stamps), bool)
+        with suppress(RecordingError, ParameterError):  # whoever needs them reports it
+            for name in self.judgeable:
+                ours |= acts(self, name, stamps)
+        return len(ours) > 0 and bool(ours.all())
 
     @cached_property
     def acting(self) -> Sequence[str]:
@@ -278,7 +294,7 @@ class RecordedRun:
             table = table.finite(self._needed)
         names, quantities = self._taken.get(table.topic, ((), ()))
         # What a stranger sent with other joints alone was refused: nobody used it.
-        theirs = self.external and table.topic == topics.EFFORT_COMMAND
+        theirs = table.topic == topics.EFFORT_COMMAND and self.external
         if names and (theirs or (self.real_time and table.names not in (names, ()))):
             table = table.only(names, quantities)
         if self.real_time and table.topic in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
@@ -306,6 +322,13 @@ class RecordedRun:
         from .evidence import Evidence, RobotEvidence
 
         return (RobotEvidence if self.another_robot else Evidence)(self)
+
+    @cached_property
+    def fall(self) -> Fall | None:
+        """The first state beyond the fall angle. Raises RecordingError for states that cannot be read."""
+        from .facts import fall_of
+
+        return fall_of(self)
 
     @cached_property
     def operated(self) -> Operated:

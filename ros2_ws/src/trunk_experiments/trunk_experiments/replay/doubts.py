@@ -18,13 +18,14 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.events import ENDS, Event, as_count
+from trunk_msgs_util.events import Event, as_count
 from trunk_msgs_util.recording.reader import Ending
 from trunk_msgs_util.recording.topic import fields_of
-from trunk_msgs_util.source import ARRIVAL, ARRIVALS, NO_SOURCE
+from trunk_msgs_util.source import ARRIVALS
 from trunk_msgs_util.units import NANOSECONDS, seconds
 
-from ..results import OMITTED, Count, Result
+from ..recorded.facts import Late, fall_angles, late_steps, silence_of, true_angles
+from ..results import OMITTED, Result
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_table import Integers
@@ -47,16 +48,6 @@ class Beyond(NamedTuple):
     fall_angle_deg: Annotated[float | None, "The fall angle in force"]
 
 
-class Late(NamedTuple):
-    """Steps of a real-time run that were made without the answer to their state."""
-
-    steps: Annotated[Count, "Late steps"]
-    of: Annotated[Count, "All steps"]
-    moved_deg: Annotated[float | None, "By how much at most the angle departs from lock-step"] = (
-        None
-    )
-
-
 @dataclass(frozen=True)
 class Doubts:
     """Why a run's numbers may not be what its plan gives."""
@@ -69,8 +60,13 @@ class Doubts:
     fell_angle_deg: float | None = None
     beyond_90: Annotated[Beyond | None, "A run without a fall that ends beyond 90 degrees"] = None
     silent: Annotated[str | None, "That nobody's command held the trunk, or none at its end"] = None
-    refused: Annotated[tuple[str, ...], "Messages not used, or not as meant: a line each"] = ()
-    late: Annotated[Late | None, "null: time was exact, or the file was not read as a whole"] = None
+    unsound: Annotated[
+        tuple[str, ...], "Stamps that cannot be right, pulses that never acted: a line each"
+    ] = ()
+    refused: Annotated[
+        tuple[str, ...], "By the nodes' events, messages not used, or not as meant: a line each"
+    ] = ()
+    late: Annotated[Late | None, "null: time was exact"] = None
     judged: Annotated[Word | None, "The verdict, where this verb recomputed the run; else null"] = (
         None
     )
@@ -78,7 +74,7 @@ class Doubts:
 
     def __bool__(self) -> bool:
         fell = self.fell is not None or self.beyond_90 is not None
-        return bool(self.silent or self.reason or self.refused or fell or self._behind)
+        return bool(self.silent or self.reason or self.unsound or fell or self._behind)
 
     @property
     def _behind(self) -> bool:
@@ -94,9 +90,15 @@ class Doubts:
         return f"ends at {self.ends_at_s:g}{planned} s"
 
     @property
+    def of_inputs(self) -> list[str]:
+        """A line for each doubt about what acted and what was used."""
+        silent = [f"SILENT: {self.silent}"] if self.silent else []
+        return [*silent, *self.unsound, *self.refused]
+
+    @property
     def lines(self) -> list[str]:
         """A line for each doubt."""
-        lines = [f"SILENT: {self.silent}"] if self.silent else []
+        lines = self.of_inputs
         if self.reason is not None:
             until = f"; {self.until}" if self.until else ""
             lines.append(f"INCOMPLETE: {self.reason}{until}")
@@ -107,7 +109,6 @@ class Doubts:
             angle_deg, fall_deg = self.beyond_90
             limit = "" if fall_deg is None else f", but fall.angle is {fall_deg:.3g} degrees"
             lines.append(f"BEYOND 90 degrees: it ends at {angle_deg:.0f} degrees{limit}")
-        lines += self.refused
         if self.late is not None and self._behind:
             steps, of, moved_deg = self.late
             moved = ""
@@ -129,7 +130,7 @@ class RecordingResult(Result):
     """What every document says about a recording."""
 
     file: Annotated[Path, "The recording"]
-    doubts: Annotated[Doubts | None, "null: it cannot be read"]
+    doubts: Annotated[Doubts | None, "null: it was not read, or cannot be"]
 
 
 def about(
@@ -141,40 +142,35 @@ def about(
     """
     if doubts is None:
         try:
-            doubts = doubts_of(run, twin=False, whole=run.recording.checked)
+            doubts = doubts_of(run, twin=False)
         except TrunkError:  # messages that cannot be read
             return RecordingResult(run.path, None)
     return RecordingResult(run.path, replace(doubts, judged=judged))
 
 
-def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts:
+def doubts_of(run: RecordedRun, twin: bool = True) -> Doubts:
     """Return the doubts about a run; ``twin``: simulate it in lock-step, if it was in real time.
-
-    Without ``whole`` only events are looked at, not every message.
 
     Raises RecordingError for messages that cannot be read.
     """
-    fall = next((event for event in run.events if event.message == Event.FELL), None)
-    angle = None
-    if fall is not None:
-        try:
-            angle = degrees(float(fall.values.get("angle", "")))
-        except ValueError:
-            angle = None
-    late = None
-    if whole and (run.real_time or run.count(topics.PLANT_INPUTS)):
-        # Messages or parameters that cannot be read are reported elsewhere.
-        with suppress(TrunkError):
-            late = late_steps(run)
+    fall, silent, late = None, "", None
+    # Messages or parameters that cannot be read are reported elsewhere.
+    with suppress(TrunkError):
+        fall = run.fall
+    with suppress(TrunkError):
+        silent = silence_of(run)
+    with suppress(TrunkError):
+        late = late_steps(run)
     if twin and late is not None:
         late = late._replace(moved_deg=moved_deg(run))
     return Doubts(
         *_completeness(run),
         None if fall is None else seconds(fall.stamp_ns),
-        angle,
-        _beyond(run) if whole and fall is None else None,
-        silence(run) or None,
-        tuple(refused(run, whole)),
+        None if fall is None else degrees(fall.angle),
+        _beyond(run) if fall is None else None,
+        silent or None,
+        tuple(unsound(run)),
+        tuple(refused(run)),
         late if late and late.of else None,
         external=bool(run.external),
     )
@@ -189,7 +185,7 @@ def stamp_doubts(run: RecordedRun) -> list[str]:
     relative = topics.JOINT_STATES if run.another_robot else topics.GROUND_TRUTH
     name = run.recording.topic(relative)
     topic = run.recording.topics.get(name)
-    if topic is None or topic.readable < 2:
+    if topic is None or topic.readable < 2 or not run.recording.checked:
         return []
     if topic.rising and not topic.overflowing and topic.longest_step_ns <= _FAR_NS:
         return []
@@ -225,16 +221,22 @@ def _times(run: RecordedRun, relative: str) -> tuple[Integers, Integers]:
     return stamp_ns, log_ns
 
 
-def refused(run: RecordedRun, whole: bool = True) -> Iterator[str]:
-    """Yield the inputs that nodes did not use, or took otherwise than meant: how many, and why.
+def unsound(run: RecordedRun) -> Iterator[str]:
+    """Yield states whose stamps cannot be right, then pulses of a real-time run that never acted."""
+    with suppress(TrunkError):  # messages that cannot be read are reported elsewhere
+        yield from stamp_doubts(run)
+    with suppress(TrunkError):
+        if run.real_time and run.count(topics.PLANT_INPUTS) and "disturbance" in run.parameters:
+            from ..recorded.inputs import idle_pulses  # with the plant: an exact run needs none
 
-    With ``whole`` states whose stamps cannot be right come first.
-    """
-    if whole:
-        with suppress(TrunkError):  # messages that cannot be read are reported elsewhere
-            yield from stamp_doubts(run)
-        with suppress(TrunkError):
-            yield from _idle(run)
+            for pulse in idle_pulses(run):
+                acts = f"{pulse.magnitude:g} on {pulse.channel}"
+                span = f"t = {pulse.start:g} to {pulse.end:g} s"
+                yield f"NOT IN FORCE: disturbance: {acts}, {span}, never acted"
+
+
+def refused(run: RecordedRun) -> Iterator[str]:
+    """Yield the inputs that nodes did not use, or took otherwise than meant: how many, and why."""
     reasons: dict[tuple[str, str], str] = {}
     counts: dict[tuple[str, str], int] = {}
     for event in run.events:
@@ -252,68 +254,16 @@ def refused(run: RecordedRun, whole: bool = True) -> Iterator[str]:
         yield f"{word}: {node}: {number} {kind}: {why}"
 
 
-def _idle(run: RecordedRun) -> Iterator[str]:
-    """Yield the pulses of a real-time run that never acted."""
-    if run.real_time and run.count(topics.PLANT_INPUTS) and "disturbance" in run.parameters:
-        from ..recorded.inputs import idle_pulses  # with the plant: an exact run needs none
-
-        for pulse in idle_pulses(run):
-            span = f"t = {pulse.start:g} to {pulse.end:g} s"
-            yield f"NOT IN FORCE: disturbance: {pulse.magnitude:g} on {pulse.channel}, {span}, never acted"
-
-
-_SILENT_S = 1.0  # at a run's end: a busy machine holds a controller up for less
-
-
-def silence(run: RecordedRun) -> str:
-    """Return a clause if nobody's command was in force in a real-time run, or none at its end; else nothing.
-
-    The simulator counts the steps; where it did not, nothing is known. A controller that was deactivated is
-    meant to be silent.
-    """
-    end = next(
-        (e for e in reversed(run.events) if e.message in ENDS and "commanded" in e.values), None
-    )
-    if end is None:
-        return ""
-    states, commanded, silent = (
-        as_count(end.values.get(name, "")) for name in ("states", "commanded", "silent")
-    )
-    steps = states - 1
-    if not 0 <= commanded <= steps or not 0 <= silent <= steps or not steps:
-        return ""
-    silent_ns = end.stamp_ns * silent // steps
-    turns = {
-        event.node: event.message
-        for event in run.events
-        if event.message in (Event.ACTIVATED, Event.DEACTIVATED)
-    }
-    ours = {turns.get(run.recording.topic(name)) for name in run.controllers}
-    left = not run.external and ours == {Event.DEACTIVATED}
-    if commanded and (silent_ns <= _SILENT_S * NANOSECONDS or left):
-        return ""
-    names = run.acting or run.recording.provenance.get("controller", "").split()
-    by = f" from {', '.join(names)}" if names else ""
-    after = f" after t = {seconds(end.stamp_ns - silent_ns):g} s" if commanded else ""
-    return f"no command{by} was in force{after} ({commanded} of {steps} steps)"
-
-
 def _beyond(run: RecordedRun) -> Beyond | None:
     """Return the last true angle if it is beyond 90 degrees, and the fall angle in force; else None."""
-    if not run.count(topics.GROUND_TRUTH):
-        return None
     try:
-        column = ("position", run.joint_names(topics.GROUND_TRUTH)[1])
-        truth = run.series({topics.GROUND_TRUTH: [column]})[topics.GROUND_TRUTH]
-        angle = degrees(float(truth.column(*column)[-1]))
-        if abs(angle) <= 90.0:
-            return None
-        timeline = run.timeline("simulator")
-        timeline.advance(int(truth.stamp_ns[-1]) + 1)
-        limit = degrees(timeline.config.fall_angle)
+        stamps, angles = true_angles(run)
+        angle = degrees(float(angles[-1]))
+        limits = fall_angles(run, stamps[-1:])
     except (TrunkError, KeyError, IndexError):
         return None
-    return Beyond(angle, limit)
+    limit = None if limits is None else degrees(float(limits[0]))
+    return Beyond(angle, limit) if abs(angle) > 90.0 else None
 
 
 def incomplete(run: RecordedRun) -> list[str]:
@@ -342,51 +292,6 @@ def _completeness(run: RecordedRun) -> tuple[bool, str | None, float | None, flo
     if last_s is not None and last_s > planned_s:  # another simulator's: our end is not known
         last_s = None
     return False, reason, last_s, planned_s
-
-
-def late_steps(run: RecordedRun, since_ns: int = 0) -> Late | None:
-    """Return how many steps were made without the answer to their state; None where time was exact.
-
-    A step is in time if the command in force answers its state or, where a controller answers only some
-    states, the last of those; and if the disturbance in force is that of its state. Both are on record.
-    A node of somebody else's that answers fewer states than there are has a rate of its own: it may be one
-    state off. A command without a state's stamp is neither late nor in time.
-    """
-    copy = bool(run.exact and run.count(topics.PLANT_INPUTS))  # of a real-time run: without sources
-    if not (run.real_time or copy) or "simulator" not in run.parameters:
-        return None
-    from ..recorded.inputs import RecordedInputs  # with the plant: an exact run needs none
-
-    stamps = np.unique(run.table(topics.GROUND_TRUTH).stamp_ns)[:-1]
-    stamps = stamps[stamps >= since_ns]
-    inputs = RecordedInputs(run, stamps)
-    force = inputs.over(slice(None))
-    periods = {name: run.config(name).period_ns for name in run.judgeable}
-    if copy and not run.external:
-        periods[NO_SOURCE] = max(periods.values(), default=0)
-    step_ns = run.config("simulator").period_ns
-    every_ns = [
-        _usual_gap_ns(run, step_ns)
-        if name == NO_SOURCE and name not in periods
-        else max(periods.get(name.partition("@")[0], 0), step_ns)
-        for name in inputs.sources
-    ]
-    age_ns = stamps - force.command_ns
-    late = (force.command_ns < 0) | (age_ns >= np.array(every_ns)[force.command_source])
-    if run.external:
-        late &= np.array([name != ARRIVAL for name in inputs.sources])[force.command_source]
-        late &= (force.command_ns >= 0).any()
-    if run.count(topics.DISTURBANCE):
-        late |= force.disturbance_ns != stamps
-    return Late(int(np.count_nonzero(late)), len(stamps))
-
-
-def _usual_gap_ns(run: RecordedRun, step_ns: int) -> int:
-    """Return how old a stranger's command may be before it is late, ns, by the states that it answered."""
-    stamps = np.unique(run.table(topics.EFFORT_COMMAND).stamp_ns)
-    gaps = np.diff(stamps[(stamps >= 0) & (stamps % step_ns == 0)]) // step_ns
-    usual = int(np.bincount(np.minimum(gaps, 10_000)).argmax()) if len(gaps) else 1
-    return step_ns if usual <= 1 else (usual + 1) * step_ns
 
 
 def moved_deg(run: RecordedRun) -> float | None:

@@ -286,7 +286,6 @@ class Rerun:
         self.unattributed = Check(UNATTRIBUTED)
         self.answers, self._refused = answers_of(run, processes, period_ns)
         self._partial = self.inputs.recorded  # controllers did not get every state
-        self._marked = "fall.angle" in self.simulator.parameters
         self._commands = run.table(topics.EFFORT_COMMAND)
         # Turns by the schedule without their events: stamp, controller, True for active.
         self.unreported: list[tuple[int, str, bool]] = []
@@ -472,13 +471,6 @@ class Rerun:
         judged = self._follows(rows)
         computed = _computed(states.table, POSITION, VELOCITY, APPLIED)
         columns = self._columns(self.evidence.truth, window.truth, computed)
-        if self._marked:
-            falls = np.zeros(len(rows))
-            falls[states.falls] = 1.0
-            recorded_falls = self.evidence.falls(window.stamps)
-            columns.append(
-                ComparedColumn(topics.RUN_EVENTS, str(Event.FELL), recorded_falls, falls)
-            )
         self.plant.take(window.stamps, judged, columns)
 
     def _take_sensors(self, states: States, window: _Window, rows: Integers) -> None:

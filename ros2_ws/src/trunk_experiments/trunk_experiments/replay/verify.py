@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 
@@ -22,11 +23,11 @@ from trunk_msgs_util.text import shell_words
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, NODES, unknown_controllers
+from ..recorded.facts import silence_of
 from ..recorded.processes import Process, is_whole
 from ..recorded.run import RecordedRun
 from ..recorded.turns import acts
 from .checks import describe
-from .doubts import silence
 from .in_force import check_disturbances, check_inputs
 from .invariants import contradictions
 from .rerun import Rerun
@@ -56,8 +57,11 @@ def verdict_on(run: RecordedRun) -> Verdict:
     recording = run.recording
     run.read_whole()
     verdict = Verdict()
-    doubts = [silence(run), recording.unfinished, *recording.further_warnings]
-    verdict.obstacles += dict.fromkeys(filter(None, doubts))
+    with suppress(RecordingError, ParameterError):  # of the plant's inputs: met again below
+        verdict.obstacles += filter(None, [silence_of(run)])
+    verdict.obstacles += dict.fromkeys(
+        filter(None, [recording.unfinished, *recording.further_warnings])
+    )
     verdict.obstacles += recording.seen_otherwise
     verdict.altered = recording.alterations()
     verdict.notes += [run.branch.describe()] if run.branch else []

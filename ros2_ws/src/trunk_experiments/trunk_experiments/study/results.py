@@ -350,7 +350,7 @@ def _outcome(path: Path, diverged: DivergedError | None) -> dict[str, Any]:
     status, at, numbers = "ok", None, metrics.as_dict()
     if diverged is not None:
         status, at, numbers = "diverged", float(table.t[-1]), dict.fromkeys(METRICS)
-    fell = run.recording.fell_at_ns is not None
+    fell = run.fall is not None
     values = {name: value and known(value) for name, value in numbers.items()}
     return {"status": status, "fell": fell, "diverged_at_s": at, **values}
 

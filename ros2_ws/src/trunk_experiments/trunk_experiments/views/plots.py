@@ -164,7 +164,7 @@ def context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2
         )
     if any(len(view.turns) > 1 for view in views):
         handles.append(Line2D([], [], label="another controller takes over", **TURN_LINE))
-    if any(view.recording.fell_at_ns is not None for view in views):
+    if any(view.run.fall for view in views):
         handles.append(Line2D([], [], label="fell, in the run's colour", **FALL_LINE))
     if any(view.run.branch for view in views):
         handles.append(Line2D([], [], label="a branch begins", **BRANCH_LINE))
@@ -238,9 +238,8 @@ def branches(axes: Axes, views: Sequence[RunView]) -> None:
 def falls(axes: Axes, views: Sequence[RunView]) -> None:
     """Mark where each run's trunk fell, in the run's own colour; the legend says so, clear of the curves."""
     for i, view in enumerate(views):
-        fell_ns = view.recording.fell_at_ns
-        if fell_ns is not None:
-            axes.axvline(seconds(fell_ns), **{**FALL_LINE, "color": line_style(i)["color"]})
+        if (fall := view.run.fall) is not None:
+            axes.axvline(seconds(fall.stamp_ns), **{**FALL_LINE, "color": line_style(i)["color"]})
 
 
 class Panel(NamedTuple):

@@ -201,7 +201,7 @@ def said_of(view: RunView) -> list[str]:
 def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
     table, recording, events = view.table, view.recording, _events(view.run)
     state = "complete" if recording.complete else "incomplete"
-    fell = recording.fell_at_ns
+    fall = view.run.fall
     facts = (
         ("controller", view.title),
         ("scenario", recording.provenance.get("scenario", "not recorded") or "none"),
@@ -210,7 +210,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         ("file", f"{resolve_path(view.path).name}, {state}"),
         *((("branch", view.run.branch.describe()),) if view.run.branch else ()),
         *(("changed", line) for line in lines_of(changed_parameters(view.run))),
-        *((("fell", f"at t = {seconds(fell):g} s"),) if fell is not None else ()),
+        *((("fell", f"at t = {seconds(fall.stamp_ns):g} s"),) if fall else ()),
     )
     return RunSection(
         label=label,

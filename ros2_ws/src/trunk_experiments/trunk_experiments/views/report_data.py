@@ -196,8 +196,8 @@ def _world(view: RunView) -> dict[str, Any]:
 
 def _fell(view: RunView) -> float | None:
     """Return when the trunk fell, in s since the run's start; None if it did not."""
-    fell_ns = view.recording.fell_at_ns
-    return None if fell_ns is None else (fell_ns - view.run.begin_ns) / NANOSECONDS
+    fall = view.run.fall
+    return None if fall is None else (fall.stamp_ns - view.run.begin_ns) / NANOSECONDS
 
 
 def _pulses(views: Sequence[RunView]) -> list[dict[str, Any]]:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_sim.disturbance_config import DisturbanceConfig
 
@@ -61,7 +60,7 @@ def different_tasks(views: Sequence[RunView]) -> tuple[str, ...]:
             for name in [name for name in task if name.startswith("controller.")]:
                 del task[name]
             task["reference"] = np.array_equal(view.table.reference, first)
-    if not any(event.message == Event.FELL for view in views for event in view.run.events):
+    if not any(view.run.fall for view in views):
         for task in tasks:  # what a fall would have done is the same for runs without one
             task.pop("simulator.fall.stop", None)
     names = sorted({name for task in tasks for name in task})

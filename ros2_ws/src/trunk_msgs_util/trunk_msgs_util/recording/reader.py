@@ -463,11 +463,6 @@ class Recording(Bag):
             if topic.readable and name.startswith(prefix) and name.endswith(suffix)
         }
 
-    @property
-    def fell_at_ns(self) -> int | None:
-        """When the trunk fell, by the run's events; None if they report no fall."""
-        return next((e.stamp_ns for e in self.events() if e.message == Event.FELL), None)
-
     def joints(self, topic: str) -> JointTable:
         """Return a JointState topic by its absolute name, empty for an unknown one. Raises as `tables`."""
         return self.tables({topic: None})[topic]
