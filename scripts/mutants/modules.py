@@ -79,6 +79,6 @@ MODULES = {
     "engine": Module(EXPERIMENTS + "trunk_experiments/runs/engine.py", _LOOP),
     **{
         name: Module(EXPERIMENTS + f"trunk_experiments/replay/{name}.py", _VERIFY)
-        for name in ("rerun", "in_force", "invariants")
+        for name in ("rerun", "in_force")
     },
 }

@@ -95,7 +95,6 @@ def test_a_timeout_of_commands_that_a_branch_changes_is_the_one_in_force(
     run, change = RecordedRun.open(tmp_path / "run.mcap"), f"simulator.command_timeout={timeout}"
     branched = branched_at(run, Branch(0.25, (change,)), tmp_path / "b.mcap")
     verdict = verdict_on(branched)
-    assert not verdict.contradictions, verdict.reasons
     assert not any(check.wrong_steps for check in verdict.checks), verdict.reasons
 
 

@@ -1,6 +1,5 @@
 """Controllers that take over from each other, or join, while the plant moves; a simulator begun anew."""
 
-import struct
 from functools import partial
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
-from trunk_experiments.replay.verdict import Verdict
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.node.conversions import stamp_from_ros
@@ -181,31 +179,6 @@ def test_a_swap_in_lockstep_has_the_offline_bits(
     assert "commands of pid 0 s 1.5 s 201 verified" in rows
     assert "commands of fuzzy_pid 0.5 s 0.995 s 100 verified" in rows
 
-    counts = {"fuzzy_pid": b"100", "pid": b"201"}
-
-    def told(node: str, at_ns: int, count: bytes) -> Verdict:
-        """Judge the run as if a node had counted its messages at another state, and as so many."""
-
-        def edit(messages: list[list]) -> None:
-            words = (f"/{node}\0".encode(), b"published\0")
-            events = [m for m in messages if m[0] == "/run/events"]
-            (message,) = (m for m in events if all(word in m[2] for word in words))
-            stamp = struct.pack("<iI", *divmod(at_ns, 1_000_000_000))
-            message[2] = message[2][:4] + stamp + message[2][12:]
-            assert counts[node] + b"\0" in message[2]
-            message[2] = message[2].replace(counts[node] + b"\0", count + b"\0")
-            message[1] = message[3] = at_ns
-
-        return verify(copied(path, tmp_path / "edited.mcap", edit, ANEW))
-
-    false = {"fuzzy_pid": (b"101", b"999"), "pid": (b"200", b"202")}
-    # No state depends on when it was counted; what was counted is there, no more and no less.
-    for node, last_ns in (("fuzzy_pid", 995_000_000), ("pid", 1_500_000_000)):
-        for at_ns in (last_ns - 5_000_000, last_ns, 1_420_000_000):
-            assert told(node, at_ns, counts[node]).exit_code == VERIFIED, (node, at_ns)
-        for count in false[node]:
-            assert told(node, last_ns, count).contradictions, (node, count)
-
 
 @pytest.mark.one_in(8)
 def test_a_swap_in_real_time(children: Children, tmp_path: Path) -> None:
@@ -294,5 +267,4 @@ def test_a_controller_that_takes_the_place_of_one_that_ended(
             messages.remove(own[len(own) // 2])
 
         found = verify(copied(tmp_path / "run.mcap", tmp_path / "edited.mcap", without_one, ANEW))
-        count = f"{counts[source] - 1} of {counts[source]} messages were recorded"
-        assert any(count in line for line in found.contradictions), found.reasons
+        assert found.exit_code == UNJUDGED, found.reasons

@@ -33,7 +33,6 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
 from trunk_experiments.replay.verdict import DIVERGES, UNJUDGED, VERIFIED
-from trunk_experiments.replay.verify import verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
@@ -46,7 +45,7 @@ from ..graph.conftest import Domains
 from ..graph.peer import Peer
 from ..graph.processes import Child, Children
 from ..seeds.story import Fault, Request, requests
-from ..tampering.honest import Run
+from ..tampering.honest import judged
 from .trial import CLEAN, Incident, Trial, draw
 from .whole import Content, lacking
 
@@ -255,13 +254,13 @@ def _judged(path: Path, game: Play) -> tuple[set[str], list[str]]:
         clean = not game.trial.kinds
         return {"no file"}, ["a clean run without a recording"] if clean else []
     try:
-        run = Run(path.name, recording.complete, verify(recording))
+        run = judged(path.name, path)
     except Exception as error:  # a defect, whatever it is
         return {"raises"}, [f"verify raises {error!r}"]
     code = run.verdict.exit_code
     columns, wrong = {_WORDS[code]}, []
-    if code == DIVERGES:
-        wrong.append(f"diverges: {run.accused}")
+    if code == DIVERGES or run.contradictions:
+        wrong.append(f"{run.verdict.word}: {run.accused}")
     if recording.complete:
         columns.add("complete")
         lines = list(lacking(Content(path), game.changes))

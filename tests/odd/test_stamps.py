@@ -113,7 +113,7 @@ def test_the_list_says_it_too(tmp_path, trunk, whole):
     restamped(whole, tmp_path / "b.mcap", lambda *_: (0, 0))
     _, out, _ = trunk("list", "runs", tmp_path, "--json")
     runs = json.loads(out)["runs"]
-    assert all(run["doubts"]["refused"][0].startswith(f"STAMPS: {TRUTH}: ") for run in runs)
+    assert all(run["doubts"]["unsound"][0].startswith(f"STAMPS: {TRUTH}: ") for run in runs)
     assert [bool(run["metrics"]) for run in runs] == [True, False]
 
 

@@ -1,6 +1,6 @@
 """Random honest runs, which `trunk verify` must not accuse: offline, in lock-step and in real time."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import RunPlan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import VERIFIED, Verdict, describe, verify
+from trunk_experiments.replay.verify import VERIFIED, Verdict, describe, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.parameters.declarations import (
     ParameterError,
@@ -21,9 +21,9 @@ from trunk_msgs_util.parameters.declarations import (
     declarations,
     values_of,
 )
-from trunk_msgs_util.recording.reader import Recording
 from trunk_sim.simulation import DivergedError
 
+from ..honest.oracle import contradictions
 from .graph_runs import Action, for_graph, pause, reset, retune, run, transition
 
 
@@ -33,12 +33,13 @@ class Run(NamedTuple):
     name: str
     complete: bool
     verdict: Verdict
+    contradictions: Sequence[str] = ()  # of what our nodes and recorder write in two places
 
     @property
     def accused(self) -> str:
         """What a run is wrongly accused of; empty: nothing."""
         v = self.verdict
-        found = [*v.altered, *v.contradictions]
+        found = [*v.altered, *self.contradictions]
         found += [f"{part.name}: {describe(part.first[0])}" for part in v.checks if part.first]
         if self.complete and v.exit_code != VERIFIED:
             found += v.obstacles
@@ -62,13 +63,13 @@ def offline_runs(count: int, folder: Path) -> Iterator[Run]:
         except DivergedError:
             pass
         done += 1
-        judged = _judged(name, path)
-        yield judged
-        if done % 10 == 0 and judged.complete and done < count:
+        one = judged(name, path)
+        yield one
+        if done % 10 == 0 and one.complete and done < count:
             again = folder / "again.mcap"
             record_offline(RecordedRun.open(path).plan(), again, overwrite=True)
             done += 1
-            yield _judged(f"{name}, again", again)
+            yield judged(f"{name}, again", again)
 
 
 def graph_runs(count: int, folder: Path, lockstep: bool) -> Iterator[Run]:
@@ -80,12 +81,14 @@ def graph_runs(count: int, folder: Path, lockstep: bool) -> Iterator[Run]:
         path.unlink(missing_ok=True)
         run(plan, path, list(_actions(plan, rng)))
         kind = "lock-step" if lockstep else "real time"
-        yield _judged(f"{kind} {index}", path)
+        yield judged(f"{kind} {index}", path)
 
 
-def _judged(name: str, path: Path) -> Run:
-    recording = Recording.open(path)
-    return Run(name, recording.complete, verify(recording))
+def judged(name: str, path: Path) -> Run:
+    run = RecordedRun.open(path, whole=True)
+    verdict = verdict_on(run)
+    found = contradictions(run) if run.recording.complete and verdict.checks else []
+    return Run(name, run.recording.complete, verdict, found)
 
 
 def _graph_plan(index: int, rng: np.random.Generator, lockstep: bool) -> RunPlan:

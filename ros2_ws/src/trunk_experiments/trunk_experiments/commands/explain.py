@@ -16,7 +16,7 @@ from ..console.reading import open_run, show_damage
 from ..console.tables import print_table
 from ..console.terminal import show_warnings
 from ..recorded.turns import recorded_turns
-from ..replay.doubts import refused
+from ..replay.doubts import refused, unsound
 from ..replay.explain import Explanation, ExternalCommand, explain, external_command
 
 
@@ -39,7 +39,7 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     """
     recorded = open_run(run)
     show_damage(recorded)
-    show_warnings(refused(recorded))
+    show_warnings((*unsound(recorded), *refused(recorded)))
     turns = reversed(recorded_turns(recorded) if recorded.external else ())
     theirs = recorded.external
     if theirs and next((who for start, who in turns if start <= at), theirs) == theirs:

@@ -41,8 +41,8 @@ def judged(run: Path) -> tuple[Recording, Verdict]:
 def command(ctx: click.Context, run: Path, as_json: bool) -> None:
     """Recompute every command of a recorded run and, where time was exact, every state.
 
-    Exit code 0: verified; 1: something diverges, was altered or contradicts itself; 2: inconclusive, as
-    something is missing. What no check covers is listed.
+    Exit code 0: verified; 1: something diverges or was altered; 2: inconclusive, as something is missing.
+    What no check covers is listed.
     """
     recording, verdict = judged(run)
     recorded = RecordedRun(recording)
@@ -65,8 +65,6 @@ def command(ctx: click.Context, run: Path, as_json: bool) -> None:
             click.echo(f"  {checked.name}: first: {difference}")
     for part in result.altered:
         click.echo(f"  altered: {part}: not as the recorder wrote it, by its digest")
-    for contradiction in result.contradictions:
-        click.echo(f"  contradiction: {contradiction}")
     for part in result.not_judged:
         click.echo(f"  not judged: {part}")
     for note in result.notes:

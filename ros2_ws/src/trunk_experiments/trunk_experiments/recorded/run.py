@@ -295,7 +295,7 @@ class RecordedRun:
         names, quantities = self._taken.get(table.topic, ((), ()))
         # What a stranger sent with other joints alone was refused: nobody used it.
         theirs = table.topic == topics.EFFORT_COMMAND and self.external
-        if names and (theirs or (self.real_time and table.names not in (names, ()))):
+        if names and (theirs or table.names not in (names, ())):
             table = table.only(names, quantities)
         if self.real_time and table.topic in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
             table.frames = tuple(

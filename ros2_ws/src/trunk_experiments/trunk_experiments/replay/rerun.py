@@ -287,8 +287,6 @@ class Rerun:
         self.answers, self._refused = answers_of(run, processes, period_ns)
         self._partial = self.inputs.recorded  # controllers did not get every state
         self._commands = run.table(topics.EFFORT_COMMAND)
-        # Turns by the schedule without their events: stamp, controller, True for active.
-        self.unreported: list[tuple[int, str, bool]] = []
         self._window: _Window | None = None
         self._span = 0, 0  # rows
         record = RecordSource(
@@ -463,9 +461,6 @@ class Rerun:
             self._take_plant(states, window, rows)
             self._take_sensors(states, window, rows)
         self._take_answers(states, window)
-        if not self._partial:  # states that a controller was not given turn nothing
-            turned = states.turned
-            self.unreported += [(int(window.stamps[row]), name, on) for row, name, on in turned]
 
     def _take_plant(self, states: States, window: _Window, rows: Integers) -> None:
         judged = self._follows(rows)

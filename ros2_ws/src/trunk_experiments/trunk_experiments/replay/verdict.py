@@ -34,13 +34,11 @@ class Verdict:
     """What `verify` found.
 
     ``altered``: what is not as the recorder wrote it, by its digests, even if no computed bit depends on it.
-    ``contradictions``: where two parts of the recording do not agree.
     ``obstacles``: why the run cannot be judged as a whole. ``unjudged``: what no check looks at.
     """
 
     checks: list[Check] = field(default_factory=list)
     altered: list[str] = field(default_factory=list)
-    contradictions: list[str] = field(default_factory=list)
     obstacles: list[str] = field(default_factory=list)
     unjudged: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -59,8 +57,8 @@ class Verdict:
 
     @property
     def diverges(self) -> bool:
-        """True if something differs from what was computed, or recorded elsewhere."""
-        return bool(self.altered or self.contradictions) or any(c.wrong_steps for c in self.checks)
+        """True if something differs from what was computed, or was recorded."""
+        return bool(self.altered) or any(c.wrong_steps for c in self.checks)
 
     @property
     def word(self) -> Word:
@@ -73,7 +71,6 @@ class Verdict:
         """Why it is not verified, a line each; empty if it is."""
         return [
             *(f"altered: {part}" for part in self.altered),
-            *self.contradictions,
             *self.obstacles,
             *(f"{check.name}: {describe(check.first[0])}" for check in self.checks if check.first),
         ]
@@ -104,7 +101,6 @@ class Verification(RecordingResult, document="verify-2"):
     extent: Annotated[str | None, "What was judged, in a few words"]
     parts: Annotated[tuple[CheckedPart, ...], "What was recomputed"]
     altered: Annotated[Sequence[str], "What is not as the recorder wrote it, by its digests"]
-    contradictions: Annotated[Sequence[str], "Where two parts of the recording do not agree"]
     obstacles: Annotated[Sequence[str], "Why the run cannot be judged as a whole"]
     not_judged: Annotated[Sequence[str], "What no check looks at"]
     notes: Annotated[Sequence[str], "What else there is to know"]
@@ -158,7 +154,6 @@ def verification(run: RecordedRun, verdict: Verdict) -> Verification:
         extent=verdict.judged or None,
         parts=tuple(parts),
         altered=[*map(bounded, verdict.altered)],
-        contradictions=[*map(bounded, verdict.contradictions)],
         obstacles=[*map(bounded, verdict.obstacles)],
         not_judged=[*map(bounded, verdict.unjudged)],
         notes=[*map(bounded, verdict.notes)],

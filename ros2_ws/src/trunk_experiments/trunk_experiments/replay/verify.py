@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,16 +21,18 @@ from trunk_msgs_util.provenance import (
 from trunk_msgs_util.recording.joint_table import Integers
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.text import shell_words
-from trunk_msgs_util.units import seconds
+from trunk_msgs_util.units import seconds, step_count
+from trunk_sim.config import SimulatorConfig
 
+from ..errors import PlanError
 from ..plans.nodes import CONTROLLERS, NODES, unknown_controllers
+from ..plans.plan import check_joints
 from ..recorded.facts import silence_of
 from ..recorded.processes import Process, is_whole
 from ..recorded.run import RecordedRun
 from ..recorded.turns import acts
 from .checks import describe
 from .in_force import check_disturbances, check_inputs
-from .invariants import contradictions
 from .rerun import Rerun
 from .verdict import DIVERGES, UNJUDGED, VERIFIED, Check, Verdict
 
@@ -88,7 +91,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
             if check.unjudged and not check.reason
         ]
         verdict.unjudged += _unjudged(run)
-    except ParameterError as error:
+    except (ParameterError, PlanError) as error:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
     except RecordingError as error:
         verdict.obstacles.append(str(error).removeprefix(f"{recording.path}: "))
@@ -165,6 +168,8 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     """Run the plant and its controllers again, and compare."""
     complete = (run.recording.end or {}).get("complete") == "true"
     rerun = Rerun(run)
+    disturbance = run.config("disturbance") if "disturbance" in run.parameters else None
+    check_joints(replace(rerun.engine.plan, disturbance=disturbance))
     rerun.compare()
     idle = {label: answers.check for label, answers in rerun.answers.items() if answers.idle}
     verdict.checks += [c for c in rerun.checks if all(c is not check for check in idle.values())]
@@ -215,12 +220,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     verdict.obstacles += others
     for check in verdict.checks if others else ():
         check.excuse(others[0])
-    if complete and not rivals:
-        # What a recorder writes is known of this version's alone.
-        known = not another_version(run.recording.provenance)
-        found = verdict.contradictions if known else verdict.obstacles
-        found += contradictions(run, rerun)
-    verdict.obstacles += _failures(run)
+    verdict.obstacles += _cut(rerun)
     verdict.obstacles += [] if complete else _recorder_was_inactive(run)
     verdict.obstacles += _missing(run, rerun)
     verdict.judged = _span(run, rerun)
@@ -281,13 +281,16 @@ def settle(run: RecordedRun, process: Process, checks: list[Check]) -> None:
             check.excuse(f"{process.node} did not say what it published, or not all of it is here")
 
 
-def _failures(run: RecordedRun) -> list[str]:
-    """Return the failures that nodes other than the simulator reported."""
-    simulator = run.recording.topic("simulator")
+def _cut(rerun: Rerun) -> list[str]:
+    """Return that a run ends before its duration, and no fall was to stop it."""
+    config: SimulatorConfig = rerun.simulator.config
+    if not config.duration or (config.fall_stop and rerun.run.fall):
+        return []
+    states, wanted = len(rerun.stamps), step_count(config.duration, config.update_rate) + 1
+    if states >= wanted:
+        return []
     return [
-        f"{event.node} failed: {event.values.get('reason', 'no reason given')}"
-        for event in run.events
-        if event.message == Event.FAILED and event.node != simulator
+        f"{states} states of {wanted}: the run ends before its duration of {config.duration:g} s"
     ]
 
 

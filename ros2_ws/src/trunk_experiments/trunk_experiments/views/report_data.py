@@ -19,7 +19,6 @@ from ..analysis.parameter_text import changed_parameters, full_text
 from ..analysis.run_table import held_at
 from ..plans.nodes import CONTROLLERS
 from ..recorded.inputs import Pulse
-from ..recorded.turns import acts
 from .run_view import (
     INPUTS,
     OwnTerm,
@@ -145,7 +144,7 @@ def _columns(view: RunView, own: Sequence[OwnTerm]) -> dict[str, Floats]:
     }
     if view.terms is not None:
         at = np.rint(table.t * NANOSECONDS).astype(np.int64) + view.run.begin_ns
-        active = acts(view.run, view.controller_name or "", at)
+        active = view.acts(table.t)
         names = ("rules_e", "rules_row"), ("rules_rate", "rules_column")
         for (name, place), column, places in zip(names, INPUTS, rule_places(view), strict=True):
             columns[name] = held_at(at, view.terms.stamp_ns, view.terms.column(*column))

@@ -27,10 +27,10 @@ from ..recorded.run import RecordedRun
 from ..recorded.turns import Turn, recorded_turns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from trunk_msgs_util.parameters.declarations import Value
-    from trunk_msgs_util.recording.joint_table import Column, Floats, Integers, JointTable
+    from trunk_msgs_util.recording.joint_table import Bools, Column, Floats, Integers, JointTable
 
 
 GAINS = ("kp", "ki", "kd", "alpha")
@@ -106,6 +106,12 @@ class RunView:
             turns=recorded_turns(run),
             warnings=tuple(warnings),
         )
+
+    def acts(self, t: Floats) -> Bools:
+        """Return at which times, s [N], the controller acts whose inference is shown."""
+        turn = np.searchsorted([turn.start for turn in self.turns], t, side="right") - 1
+        acting = [turn.controller == self.controller_name for turn in self.turns]
+        return np.append(acting, False)[turn]
 
     @property
     def recording(self) -> Recording:
@@ -254,11 +260,11 @@ _AT_ONCE = 1 << 16  # updates: those of an hour at once would take 400 MB
 
 def rule_use(view: RunView) -> list[list[int]]:
     """Return how many updates fired each rule (weight above 0), [label of e][label of e_dot]."""
-    config = view.controller
-    if not isinstance(config, RuleBaseConfig) or view.terms is None:
+    if not isinstance(view.controller, RuleBaseConfig):
         return []
-    errors, rates = (view.terms.column(*column) for column in INPUTS)
-    return times_fired(errors, rates, *config.peaks)
+    counts = [times_fired(errors, rates, *peaks) for _, (errors, rates), peaks in _inferences(view)]
+    table: list[list[int]] = np.sum(np.array(counts), axis=0).tolist() if counts else []
+    return table
 
 
 def times_fired(
@@ -284,24 +290,38 @@ def times_fired(
     return table
 
 
+def _inferences(
+    view: RunView,
+) -> Iterator[tuple[Integers, tuple[Floats, Floats], tuple[Sequence[float], Sequence[float]]]]:
+    """Yield updates between changes of parameters, their inputs and the peaks in force.
+
+    Those with other labels than at the start are left out.
+    """
+    if view.terms is None:
+        return
+    name, stamps = view.controller_name or "", view.terms.stamp_ns
+    timeline = view.run.timeline(name)
+    changed = sorted({change.stamp_ns for change in view.run.changes(name)})
+    errors, rates = (view.terms.column(*column) for column in INPUTS)
+    labels = timeline.config.axes
+    for rows in np.split(np.arange(len(stamps)), np.searchsorted(stamps, changed, side="right")):
+        if len(rows):
+            timeline.advance(int(stamps[rows[0]]))
+            if timeline.config.axes == labels:
+                yield rows, (errors[rows], rates[rows]), timeline.config.peaks
+
+
 def rule_places(view: RunView) -> tuple[Floats, Floats]:
     """Return the places of all inputs among the peaks in force: 1.25 is a quarter beyond the second.
 
     NaN where an input is, or where there are other labels than at the start.
     """
     assert view.terms is not None
-    stamps, timeline = view.terms.stamp_ns, view.run.timeline(view.controller_name or "")
-    changed = sorted({change.stamp_ns for change in view.run.changes(view.controller_name or "")})
-    places: tuple[Floats, ...] = tuple(np.full(len(stamps), np.nan) for _ in INPUTS)
-    inputs = [view.terms.column(*column) for column in INPUTS]
-    labels = timeline.config.axes
-    for rows in np.split(np.arange(len(stamps)), np.searchsorted(stamps, changed, side="right")):
-        if len(rows):
-            timeline.advance(int(stamps[rows[0]]))
-            if timeline.config.axes == labels:
-                for out, values, peaks in zip(places, inputs, timeline.config.peaks, strict=True):
-                    low, weights = _located(values[rows], peaks)
-                    out[rows] = np.where(np.isnan(values[rows]), np.nan, low + weights)
+    places = np.full((2, len(view.terms.stamp_ns)), np.nan)
+    for rows, inputs, peaks in _inferences(view):
+        for out, values, of_input in zip(places, inputs, peaks, strict=True):
+            low, weights = _located(values, of_input)
+            out[rows] = np.where(np.isnan(values), np.nan, low + weights)
     return places[0], places[1]
 
 
