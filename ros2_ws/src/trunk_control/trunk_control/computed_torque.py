@@ -20,9 +20,11 @@ from .pid_family import (
     Gains,
     PidState,
     Terms,
+    WithGains,
     alpha_of,
     combine,
     error_derivative,
+    gain,
     held,
     law_of_pid_family,
     usable,
@@ -30,26 +32,15 @@ from .pid_family import (
 
 
 @dataclass(frozen=True)
-class ComputedTorqueConfig(ControllerConfig):
+class ComputedTorqueConfig(WithGains, ControllerConfig):
     """Parameters of the ``computed_torque`` node. Both default poles lie at -10 1/s."""
 
     hip_joint: str = parameter(
         "hip_joint", "hip", "The joint whose measured motion the model uses", fixed=True
     )
-    p: float = parameter(
-        "gains.p", 100.0, "Acceleration per unit of error", unit="1/s^2", minimum=0.0, maximum=1e9
-    )
-    i: float = parameter(
-        "gains.i",
-        0.0,
-        "Acceleration per unit of its integral",
-        unit="1/s^3",
-        minimum=0.0,
-        maximum=1e9,
-    )
-    d: float = parameter(
-        "gains.d", 20.0, "Acceleration per unit of its rate", unit="1/s", minimum=0.0, maximum=1e9
-    )
+    p: float = gain("p", 100.0, "Acceleration per unit of error", "1/s^2")
+    i: float = gain("i", 0.0, "Acceleration per unit of its integral", "1/s^3")
+    d: float = gain("d", 20.0, "Acceleration per unit of its rate", "1/s")
     hip_mass: float = body_parameter("model.hip_mass", "hip_mass", believed=True)
     trunk_mass: float = body_parameter("model.trunk_mass", "trunk_mass", believed=True)
     length: float = body_parameter("model.length", "length", believed=True)
@@ -59,11 +50,6 @@ class ComputedTorqueConfig(ControllerConfig):
     cosines: tuple[float, ...] = body_parameter("model.path_cosines", "cosines", believed=True)
     sines: tuple[float, ...] = body_parameter("model.path_sines", "sines", believed=True)
     hip_mode: str = body_parameter("model.hip_mode", "hip_mode", believed=True)
-
-    @property
-    def gains(self) -> Gains:
-        """The gains, as accelerations."""
-        return Gains(self.p, self.i, self.d)
 
     @property
     def model(self) -> Body:

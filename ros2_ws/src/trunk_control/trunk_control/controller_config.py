@@ -7,6 +7,7 @@ from itertools import pairwise
 from math import inf
 from typing import Any
 
+from trunk_msgs_util.parameters.config import lockstep_parameter, rate_parameter
 from trunk_msgs_util.parameters.declarations import (
     ParameterError,
     check_together,
@@ -25,20 +26,9 @@ ANTIWINDUP_STRATEGIES = ("none", "conditional_integration", "back_calculation")
 class ControllerConfig(ReferenceConfig):
     """What every controller declares: its rate, joint, reference, derivative and limits."""
 
-    update_rate: float = parameter(
-        "update_rate",
-        200.0,
-        "Rate of the control law, measured by the states' stamps",
-        unit="Hz",
-        minimum=0.001,
-        maximum=1e6,
-        fixed=True,
-    )
-    lockstep: bool = parameter(
-        "lockstep.enabled",
-        False,
-        "Answer every state; between updates, repeat the last command",
-        fixed=True,
+    update_rate: float = rate_parameter("Rate of the control law, measured by the states' stamps")
+    lockstep: bool = lockstep_parameter(
+        "Answer every state; between updates, repeat the last command"
     )
     derivative_mode: str = parameter(
         "derivative_mode",

@@ -22,10 +22,12 @@ from .pid_family import (
     Gains,
     PidState,
     Terms,
+    WithGains,
     alpha_of,
     combine,
     constant_gains,
     error_derivative,
+    gain,
     held,
     law_of_pid_family,
     usable,
@@ -35,22 +37,16 @@ _BODY = Body()
 
 
 @dataclass(frozen=True)
-class LqrConfig(ControllerConfig):
+class LqrConfig(WithGains, ControllerConfig):
     """Parameters of the ``lqr`` node.
 
     The default gains are those of Table 5's trunk (``m l^2 = 0.5``, ``m g l = 4.905``) with the weights
     I_0 = 0.1 rad s, e_0 = 6 deg, w_0 = 1 rad/s, u_0 = 5 N m, from the Riccati equation in continuous time.
     """
 
-    p: float = parameter(
-        "gains.p", 61.7853, "Gain on the angle's error", unit="N m/rad", minimum=0.0, maximum=1e9
-    )
-    i: float = parameter(
-        "gains.i", 50.0, "Gain on its integral", unit="N m/(rad s)", minimum=0.0, maximum=1e9
-    )
-    d: float = parameter(
-        "gains.d", 9.31586, "Gain on its rate", unit="N m s/rad", minimum=0.0, maximum=1e9
-    )
+    p: float = gain("p", 61.7853, "Gain on the angle's error", "N m/rad")
+    i: float = gain("i", 50.0, "Gain on its integral", "N m/(rad s)")
+    d: float = gain("d", 9.31586, "Gain on its rate", "N m s/rad")
     gravity_torque: float = parameter(
         "model.gravity_torque",
         _BODY.trunk_mass * _BODY.gravity * _BODY.length,
@@ -61,19 +57,9 @@ class LqrConfig(ControllerConfig):
     )
 
     @property
-    def gains(self) -> Gains:
-        """The gains."""
-        return Gains(self.p, self.i, self.d)
-
-    @property
     def constants(self) -> tuple[Gains, float]:
         """The gains, and G."""
         return self.gains, self.gravity_torque
-
-    @property
-    def damping_gain(self) -> float:
-        """The gain on the rate, N m s/rad."""
-        return self.d
 
 
 def lqr_update(

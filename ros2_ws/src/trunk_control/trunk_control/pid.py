@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from trunk_msgs_util.parameters.declarations import parameter
-
 from .controller_config import ControllerConfig
 from .law import Sample
 from .limits import Limits
@@ -16,10 +14,12 @@ from .pid_family import (
     Gains,
     PidState,
     Terms,
+    WithGains,
     alpha_of,
     combine,
     constant_gains,
     error_derivative,
+    gain,
     held,
     law_of_pid_family,
     usable,
@@ -29,33 +29,17 @@ AS_PRINTED, ZIEGLER_NICHOLS = Gains(60.0, 36.0, 400.0), Gains(60.0, 100.0, 9.0)
 
 
 @dataclass(frozen=True)
-class PidConfig(ControllerConfig):
+class PidConfig(WithGains, ControllerConfig):
     """Parameters of the ``pid`` node. The default gains are Ziegler-Nichols', Ku = 100, Tu = 1.2 s."""
 
-    p: float = parameter(
-        "gains.p", 60.0, "Proportional gain", unit="N m/rad", minimum=0.0, maximum=1e9
-    )
-    i: float = parameter(
-        "gains.i", 100.0, "Integral gain", unit="N m/(rad s)", minimum=0.0, maximum=1e9
-    )
-    d: float = parameter(
-        "gains.d", 9.0, "Derivative gain", unit="N m s/rad", minimum=0.0, maximum=1e9
-    )
-
-    @property
-    def gains(self) -> Gains:
-        """The gains."""
-        return Gains(self.p, self.i, self.d)
+    p: float = gain("p", 60.0, "Proportional gain", "N m/rad")
+    i: float = gain("i", 100.0, "Integral gain", "N m/(rad s)")
+    d: float = gain("d", 9.0, "Derivative gain", "N m s/rad")
 
     @property
     def constants(self) -> tuple[Gains]:
         """The gains."""
         return (self.gains,)
-
-    @property
-    def damping_gain(self) -> float:
-        """Kd."""
-        return self.d
 
 
 def pid_update(

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from math import sqrt
 from typing import Any, NamedTuple
 
+from trunk_msgs_util.parameters.declarations import parameter
+
 from .controller_config import ControllerConfig
 from .law import BumplessTransfer, Constants, Law, Lookup, Reconfigure, Sample, Update
 from .limits import (
@@ -42,6 +44,30 @@ class Gains(NamedTuple):
     p: float
     i: float
     d: float
+
+
+def gain(name: str, default: float, description: str, unit: str) -> Any:
+    """Return the declaration of the gain ``gains.NAME``."""
+    name = f"gains.{name}"
+    return parameter(name, default, description, unit=unit, minimum=0.0, maximum=1e9)
+
+
+class WithGains:
+    """What configurations with the gains p, i and d have in common."""
+
+    p: float
+    i: float
+    d: float
+
+    @property
+    def gains(self) -> Gains:
+        """The gains."""
+        return Gains(self.p, self.i, self.d)
+
+    @property
+    def damping_gain(self) -> float:
+        """Kd."""
+        return self.d
 
 
 class PidState(NamedTuple):

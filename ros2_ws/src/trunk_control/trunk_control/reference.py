@@ -11,7 +11,11 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from trunk_msgs_util.elementary import sine_wave
-from trunk_msgs_util.parameters.config import ManagedConfig
+from trunk_msgs_util.parameters.config import (
+    ManagedConfig,
+    lockstep_parameter,
+    rate_parameter,
+)
 from trunk_msgs_util.parameters.declarations import (
     MOST_ROWS,
     ParameterError,
@@ -75,21 +79,10 @@ class ReferenceConfig(ManagedConfig):
         TableFile("reference", "reference", ("interpolated", "sequence")),
     )
 
-    update_rate: float = parameter(
-        "update_rate",
-        200.0,
-        "Rate of the plant's steps, for which there is one reference each",
-        unit="Hz",
-        minimum=0.001,
-        maximum=1e6,
-        fixed=True,
+    update_rate: float = rate_parameter(
+        "Rate of the plant's steps, for which there is one reference each"
     )
-    lockstep: bool = parameter(
-        "lockstep.enabled",
-        False,
-        "The plant waits for each step's reference",
-        fixed=True,
-    )
+    lockstep: bool = lockstep_parameter("The plant waits for each step's reference")
     joint: str = parameter("joint", "trunk", "The joint that is controlled", fixed=True)
     reference_profile: str = parameter(
         "reference.profile",

@@ -9,7 +9,11 @@ from typing import Any
 from trunk_msgs_util.elementary import LARGEST_ANGLE
 from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.parameters.body import body_of, body_parameter
-from trunk_msgs_util.parameters.config import ManagedConfig
+from trunk_msgs_util.parameters.config import (
+    ManagedConfig,
+    lockstep_parameter,
+    rate_parameter,
+)
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 
@@ -63,20 +67,6 @@ def joints_parameter() -> tuple[str, ...]:
     return joints
 
 
-def update_rate_parameter() -> float:
-    """Return the declaration of the plant's rate, which the plant's nodes share."""
-    rate: float = parameter(
-        "update_rate",
-        200.0,
-        "Rate of the plant's steps; the period is 1/rate, rounded to whole ns",
-        unit="Hz",
-        minimum=0.001,
-        maximum=1e6,
-        fixed=True,
-    )
-    return rate
-
-
 def _link_parameter(link: str, name: str) -> Any:
     """Return the declaration of a link's parameter: of "state", to the controller, or "command"."""
     default, description, limits = _LINK[name]
@@ -88,7 +78,7 @@ def _link_parameter(link: str, name: str) -> Any:
 class SimulatorConfig(ManagedConfig):
     """Parameters of the ``simulator`` node."""
 
-    update_rate: float = update_rate_parameter()
+    update_rate: float = rate_parameter()
     substeps: int = parameter(
         "substeps", 1, "RK4 steps per period", minimum=1, maximum=10_000, fixed=True
     )
@@ -297,11 +287,8 @@ class SimulatorConfig(ManagedConfig):
     fall_stop: bool = parameter(
         "fall.stop", False, "Finish the run when the trunk has fallen", fixed=True
     )
-    lockstep: bool = parameter(
-        "lockstep.enabled",
-        False,
-        "Step when all in wait_for, with effort_command, have answered the state, not by the wall clock",
-        fixed=True,
+    lockstep: bool = lockstep_parameter(
+        "Step when all in wait_for, with effort_command, have answered the state, not by the wall clock"
     )
     lockstep_timeout: float = parameter(
         "lockstep.timeout",

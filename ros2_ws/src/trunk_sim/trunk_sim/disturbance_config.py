@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import pi
 from typing import Any, ClassVar
 
-from trunk_msgs_util.parameters.config import ManagedConfig
+from trunk_msgs_util.parameters.config import ManagedConfig, rate_parameter
 from trunk_msgs_util.parameters.declarations import (
     MOST_ROWS,
     ParameterError,
@@ -18,7 +18,7 @@ from trunk_msgs_util.parameters.declarations import (
 )
 from trunk_msgs_util.units import nanoseconds, period_ns
 
-from .config import joints_parameter, update_rate_parameter
+from .config import joints_parameter
 from .disturbances import CHANNELS, Signals, noise_components, random_starts
 
 INTERPOLATIONS = ("linear", "hold")
@@ -48,7 +48,7 @@ class DisturbanceConfig(ManagedConfig):
 
     table_files: ClassVar[tuple[TableFile, ...]] = (TableFile("table", "value"),)
 
-    update_rate: float = update_rate_parameter()
+    update_rate: float = rate_parameter()
     joints: tuple[str, ...] = joints_parameter()
     pulse_channel: str = parameter(
         "pulse.channel",

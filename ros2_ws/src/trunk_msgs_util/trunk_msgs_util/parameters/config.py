@@ -3,9 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from .. import topics
 from .declarations import parameter
+
+
+def rate_parameter(
+    description: str = "Rate of the plant's steps; the period is 1/rate, rounded to whole ns",
+) -> Any:
+    """Return the declaration of a node's ``update_rate``."""
+    return parameter(
+        "update_rate", 200.0, description, unit="Hz", minimum=0.001, maximum=1e6, fixed=True
+    )
+
+
+def lockstep_parameter(description: str) -> Any:
+    """Return the declaration of ``lockstep.enabled``, with what it makes this node do."""
+    return parameter("lockstep.enabled", False, description, fixed=True)
 
 
 @dataclass(frozen=True)
@@ -39,11 +54,8 @@ class RecorderConfig(ManagedConfig):
         fixed=True,
     )
     scenario: str = parameter("scenario", "", "Name of the scenario, for the record", fixed=True)
-    lockstep: bool = parameter(
-        "lockstep.enabled",
-        False,
-        "The plant waits until its states are written; messages are logged in simulated time",
-        fixed=True,
+    lockstep: bool = lockstep_parameter(
+        "The plant waits until its states are written; messages are logged in simulated time"
     )
     lockstep_topics: tuple[str, ...] = parameter(
         "lockstep.topics",
