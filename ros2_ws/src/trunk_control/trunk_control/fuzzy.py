@@ -9,9 +9,10 @@ tuples of peaks and consequents may be arrays).
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Sequence
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from trunk_msgs_util.elementary import exp
 
@@ -117,33 +118,18 @@ def infer(error: float, error_rate: float, rules: FuzzyRules) -> tuple[float, fl
     return kp, kd, bilinear(rules.alpha, corner, columns, a, b)
 
 
-class FuzzyCell(NamedTuple):
-    """The four rules around an operating point, and the range of inputs for which they fire.
+def cell_kind(*tables: str) -> type[Any]:
+    """Return the named tuple of the four rules around an operating point, and where they fire.
 
     ``error_from`` <= e < ``error_to``, likewise the rate. A cell at the edge reaches to infinity, but its
-    peaks (``*_left``, ``*_right``) do not.
+    peaks (``*_left``, ``*_right``) do not. Then follow the four centres of each table, row by row.
     """
+    edges = "error_from error_to rate_from rate_to error_left error_right rate_left rate_right"
+    centers = (f"{table}_{place}" for table in tables for place in ("00", "01", "10", "11"))
+    return namedtuple("Cell", [*edges.split(), *centers])
 
-    error_from: float
-    error_to: float
-    rate_from: float
-    rate_to: float
-    error_left: float
-    error_right: float
-    rate_left: float
-    rate_right: float
-    kp_00: float
-    kp_01: float
-    kp_10: float
-    kp_11: float
-    kd_00: float
-    kd_01: float
-    kd_10: float
-    kd_11: float
-    alpha_00: float
-    alpha_01: float
-    alpha_10: float
-    alpha_11: float
+
+FuzzyCell = cell_kind("kp", "kd", "alpha")
 
 
 def cell_edges(
@@ -151,7 +137,7 @@ def cell_edges(
 ) -> tuple[tuple[float, float, float, float, float, float, float, float], int]:
     """Return range and peaks of the cell that contains the inputs, and the index of its first rule.
 
-    In the order of `FuzzyCell`: a cell at the edge holds without end.
+    In the order of `cell_kind`: a cell at the edge holds without end.
     """
     i, _ = locate(error, error_peaks)
     j, _ = locate(error_rate, rate_peaks)
@@ -176,7 +162,7 @@ def four_rules(
     return table[corner], table[corner + 1], table[below], table[below + 1]
 
 
-def cell_at(error: float, error_rate: float, rules: FuzzyRules) -> FuzzyCell:
+def cell_at(error: float, error_rate: float, rules: FuzzyRules) -> Any:
     """Return the cell of the rule base that contains the inputs."""
     edges, corner = cell_edges(error, error_rate, rules.error_peaks, rules.rate_peaks)
     columns = len(rules.rate_peaks)
@@ -188,17 +174,9 @@ def cell_at(error: float, error_rate: float, rules: FuzzyRules) -> FuzzyCell:
     )
 
 
-def rules_of(cell: FuzzyCell, rules: FuzzyRules) -> FuzzyRules:
+def rules_of(cell: Any, rules: FuzzyRules) -> FuzzyRules:
     """Return a rule base of only the cell's four rules: within the cell `infer` gives the same bits."""
-    c = cell
-    return FuzzyRules(
-        (c.error_left, c.error_right),
-        (c.rate_left, c.rate_right),
-        (c.kp_00, c.kp_01, c.kp_10, c.kp_11),
-        (c.kd_00, c.kd_01, c.kd_10, c.kd_11),
-        (c.alpha_00, c.alpha_01, c.alpha_10, c.alpha_11),
-        rules.logarithmic,
-    )
+    return FuzzyRules(cell[4:6], cell[6:8], cell[8:12], cell[12:16], cell[16:20], rules.logarithmic)
 
 
 class FiredRule(NamedTuple):

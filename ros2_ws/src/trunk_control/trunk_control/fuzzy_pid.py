@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from trunk_msgs_util.parameters.declarations import parameter
 
@@ -220,14 +220,12 @@ def last_gains(state: PidState, sample: Sample, constants: tuple[FuzzyRules, Gai
     return inferred_gains(state.error, state.derivative, constants[0], constants[1])[0]
 
 
-def cell(error: float, error_rate: float, constants: tuple[FuzzyRules, GainBox]) -> FuzzyCell:
+def cell(error: float, error_rate: float, constants: tuple[FuzzyRules, GainBox]) -> Any:
     """Return the four rules that fire."""
     return cell_at(error, error_rate, constants[0])
 
 
-def near(
-    rules_near: FuzzyCell, constants: tuple[FuzzyRules, GainBox]
-) -> tuple[FuzzyRules, GainBox]:
+def near(rules_near: Any, constants: tuple[FuzzyRules, GainBox]) -> tuple[FuzzyRules, GainBox]:
     """Return the constants with only these four rules."""
     return rules_of(rules_near, constants[0]), constants[1]
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from trunk_msgs_util.parameters.declarations import parameter
 
-from .fuzzy import FiredRule, bilinear, cell_edges, fired_at, four_rules, locate
+from .fuzzy import FiredRule, bilinear, cell_edges, cell_kind, fired_at, four_rules, locate
 from .law import Law, Lookup, Sample
 from .limits import Limits, limited
 from .pid_family import Gains, PidState, combine, error_derivative, error_inputs, usable
@@ -35,21 +35,7 @@ class TorqueRules(NamedTuple):
     table: Sequence[float]
 
 
-class TorqueCell(NamedTuple):
-    """The four rules around an operating point, as `fuzzy.FuzzyCell`."""
-
-    error_from: float
-    error_to: float
-    rate_from: float
-    rate_to: float
-    error_left: float
-    error_right: float
-    rate_left: float
-    rate_right: float
-    u_00: float
-    u_01: float
-    u_10: float
-    u_11: float
+TorqueCell = cell_kind("u")
 
 
 class FuzzyTerms(NamedTuple):
@@ -241,21 +227,16 @@ def reconfigure(memory: PidState, sample: Sample, before: Constants, after: Cons
     )
 
 
-def cell(error: float, error_rate: float, constants: Constants) -> TorqueCell:
+def cell(error: float, error_rate: float, constants: Constants) -> Any:
     """Return the four rules that fire."""
     rules = constants[0]
     edges, corner = cell_edges(error, error_rate, rules.error_peaks, rules.rate_peaks)
     return TorqueCell(*edges, *four_rules(rules.table, corner, len(rules.rate_peaks)))
 
 
-def near(rules_near: TorqueCell, constants: Constants) -> Constants:
+def near(rules_near: Any, constants: Constants) -> Constants:
     """Return the constants with only these four rules."""
-    c = rules_near
-    rules = TorqueRules(
-        (c.error_left, c.error_right),
-        (c.rate_left, c.rate_right),
-        (c.u_00, c.u_01, c.u_10, c.u_11),
-    )
+    rules = TorqueRules(rules_near[4:6], rules_near[6:8], rules_near[8:12])
     return rules, constants[1], constants[2]
 
 
