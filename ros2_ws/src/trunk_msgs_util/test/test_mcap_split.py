@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.writer import Writer
 
 from trunk_msgs_util.recording import content as module
 from trunk_msgs_util.recording.content import record_offsets, split
+from trunk_msgs_util.recording.mcap_file import McapFile
 from trunk_msgs_util.recording.messages import HEAD, MessageHead
 
 LENGTH = struct.Struct("<Q")
@@ -34,26 +36,25 @@ def message(
     return record(5, struct.pack("<HIQQ", channel, sequence, log_time_ns, publish_time_ns) + data)
 
 
-lengths = st.integers(0, 40)
-# Stretches of periods, so that regular and irregular parts follow one another.
-stretches = st.lists(
-    st.tuples(st.lists(lengths, min_size=1, max_size=70), st.integers(1, 400)), max_size=4
-)
+places = st.lists(st.integers(-(2**63), 2**63 - 1) | st.integers(-5, 420), max_size=20)
 
 
 @settings(max_examples=150)
-@given(stretches, st.integers(0, 60))
-def test_offsets_are_those_of_the_walk(stretches, cut):
-    records = [record(9, b"\xff" * n) for period, times in stretches for n in period * times]
-    data = b"".join(records)
+@given(st.lists(st.integers(0, 40), max_size=60), st.integers(0, 60), places, st.data())
+def test_offsets_are_those_of_the_walk(lengths, cut, others, drawn):
+    """Whatever an index says: all that is right, some of it, or anything."""
+    data = b"".join(record(9, b"\xff" * n) for n in lengths)
     data = data[: max(len(data) - cut, 0)]
-    offsets, end = record_offsets(data)
-    assert (offsets.tolist(), end) == walk(data)
+    offsets = walk(data)[0]
+    some = drawn.draw(st.lists(st.sampled_from(offsets), max_size=60)) if offsets else []
+    for indexed in ([], offsets, offsets[::-1], some, others, offsets + others):
+        found, end = record_offsets(data, np.array(indexed, np.int64))
+        assert (found.tolist(), end) == walk(data)
 
 
-@given(st.binary(max_size=400))
-def test_any_bytes_are_split_like_the_walk(data):
-    offsets, end = record_offsets(data)
+@given(st.binary(max_size=400), places)
+def test_any_bytes_are_split_like_the_walk(data, indexed):
+    offsets, end = record_offsets(data, np.array(indexed, np.int64))
     assert (offsets.tolist(), end) == walk(data)
 
 
@@ -93,6 +94,8 @@ def walked(monkeypatch):
     read = []
 
     class Counting:
+        size = LENGTH.size
+
         def unpack_from(self, data, at):
             read.append(at)
             return LENGTH.unpack_from(data, at)
@@ -101,22 +104,37 @@ def walked(monkeypatch):
     return read
 
 
-def test_regular_records_are_nearly_free(walked):
-    data = b"".join(message(c, k, b"x" * 100 * c) for k in range(20_000) for c in (1, 2, 3))
-    offsets, end = record_offsets(data)
-    assert (len(offsets), end) == (60_000, len(data))
-    assert 0 < len(walked) < 600  # by one by one
+def test_indexed_records_are_nearly_free(walked):
+    messages = [message(c, k, b"x" * 100 * c) for k in range(20_000) for c in (1, 2, 3)]
+    data = record(4, b"channel").join([b"", *messages[:100], b"".join(messages[100:])])
+    expected = np.array(walk(data)[0])
+    indexed = expected[np.frombuffer(data, np.uint8)[expected] == 5]
+    by_channel = np.concatenate([indexed[c::3] for c in range(3)])
+    offsets, end = record_offsets(data, by_channel)
+    assert (offsets.tolist(), end) == (expected.tolist(), len(data))
+    assert 0 < len(walked) < 250  # the channels, and the message before each
 
 
-def test_nearly_regular_records_are_not_slow(walked, monkeypatch):
-    """Each length is compared about once, whether one by one or many at a time."""
-    compared, find = [], np.flatnonzero
-    monkeypatch.setattr(np, "flatnonzero", lambda wrong: compared.append(len(wrong)) or find(wrong))
-    regular = b"".join(record(9, b"") for _ in range(300))
-    data = (regular + record(9, b"x")) * 3000  # many beginnings of periods
-    offsets, _ = record_offsets(data)
-    assert len(offsets) == 301 * 3000
-    assert len(walked) + sum(compared) < 1.5 * len(offsets)
+def test_reading_a_file_walks_through_what_no_index_has(tmp_path, walked):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=20_000, enable_data_crcs=True)
+        writer.start()
+        channels = [writer.register_channel(f"/{i}", "json", 0) for i in range(3)]
+        for k in range(5000):
+            writer.add_message(channels[k % 3], k, b"x" * (k % 7), k)
+        writer.finish()
+    file = McapFile(path, {})
+    file.scan()
+    assert sum(file.counts.values()) == 5000
+    assert len(file.blocks) > 5
+    assert not file.findings
+    assert len(file.blocks) <= len(walked) < 10 * len(file.blocks)
+    walked.clear()
+    with path.open("rb") as stream:
+        content = [file.content(stream, block) for block in file.blocks]
+    assert sum(len(messages) for c in content for messages in c.channels.values()) == 5000
+    assert len(file.blocks) <= len(walked) < 10 * len(file.blocks)
 
 
 def test_a_message_knows_its_header():

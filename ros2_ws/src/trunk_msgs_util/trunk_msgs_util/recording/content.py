@@ -3,9 +3,8 @@
 The sizes that a file claims are not trusted: each is checked against the bound before anything is
 decompressed, and the bound also limits what a decompressor may output.
 
-Each record's length gives the start of the next. A recorder writes the same few topics again and again, so
-the lengths repeat with a period: it is searched in the lengths read so far, and NumPy then checks thousands
-of records against it at once. Irregular records are read one by one.
+Each record's length gives the start of the next. The index behind a chunk says where its messages begin:
+NumPy compares that with all lengths at once, and what it leaves out, or has wrong, is read one by one.
 """
 
 from __future__ import annotations
@@ -15,16 +14,14 @@ import zlib
 from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import lz4.frame
 import numpy as np
 import zstandard
 from mcap.opcode import Opcode
-from numpy.typing import NDArray
 
-from .messages import HEAD, LIMIT, Messages, data_starts, head_field
+from .messages import HEAD, LIMIT, Messages, data_starts, head_field, unaligned
 
 if TYPE_CHECKING:
     from .joint_table import Integers
@@ -32,8 +29,7 @@ if TYPE_CHECKING:
 _HEAD = struct.Struct("<QQQI")  # start, end, uncompressed size, checksum
 _SIZE = struct.Struct("<I")
 _LONG = struct.Struct("<Q")
-_WINDOW = 128  # lengths in which a period is searched
-_MAX_WALK = 8192
+NOWHERE = np.empty(0, np.int64)
 _OTHERS = 1 << 18  # records that are not messages: as many as schemas and channels can exist
 
 
@@ -130,9 +126,12 @@ class Content:
         return Messages(self.data, log[order], start[order], end[order])
 
 
-def split(data: bytes) -> Content:
-    """Return the content of a chunk. Raises ValueError if its records make no sense."""
-    offsets, end = record_offsets(data)
+def split(data: bytes, indexed: Integers = NOWHERE) -> Content:
+    """Return the content of a chunk. Raises ValueError if its records make no sense.
+
+    ``indexed``: where its index says that messages begin.
+    """
+    offsets, end = record_offsets(data, indexed)
     if end != len(data):
         raise ValueError("a record goes beyond its chunk")
     opcodes = np.frombuffer(data, np.uint8)[offsets]
@@ -164,59 +163,26 @@ def split(data: bytes) -> Content:
     return content
 
 
-def record_offsets(data: bytes) -> tuple[Integers, int]:
-    """Return the first byte of each whole record [N], and the end of the last one."""
-    parts: list[Integers] = []
-    at, size, steps = 0, len(data), _WINDOW
-    last_head = size - HEAD.size
-    while at <= last_head:
-        walked = array("q")
-        for _ in range(steps):
-            if at > last_head:
-                break
-            following = at + HEAD.size + _LONG.unpack_from(data, at + 1)[0]
-            if following > size:
-                parts.append(np.array(walked, np.int64))
-                return np.concatenate(parts), at
-            walked.append(at)
-            at = following
-        parts.append(np.array(walked, np.int64))
-        period = _period([*walked[-_WINDOW:], at])
-        if period:
-            repeats = _repeats(data, at, period)
-            parts.append(repeats)
-            at += sum(period) * (len(repeats) // len(period))
-            steps = _WINDOW
-        else:
-            steps = min(2 * steps, _MAX_WALK)  # so that the search costs little if there is none
-    return (np.concatenate(parts) if parts else np.empty(0, np.int64)), at
+def record_offsets(data: bytes, indexed: Integers = NOWHERE) -> tuple[Integers, int]:
+    """Return the first byte of each whole record [N], and the end of the last one.
 
-
-def _period(offsets: list[int]) -> list[int]:
-    """Return the shortest sequence of sizes that all of the offsets repeat; empty without one."""
-    sizes = [b - a for a, b in pairwise(offsets)]
-    for length in range(1, len(sizes) // 2 + 1):
-        if sizes[length:] == sizes[:-length]:
-            return sizes[-length:]
-    return []
-
-
-def _repeats(data: bytes, at: int, sizes: list[int]) -> Integers:
-    """Return the offsets of the consecutive whole periods from ``at`` on."""
-    stride = sum(sizes)
-    within = np.cumsum([0, *sizes[:-1]])
-    possible = (len(data) - at) // stride
-    count, tried = 0, 64
-    while count < possible:  # in growing steps: short regular stretches stay cheap
-        tried = good = min(tried, possible - count)
-        for begin, size in zip(within.tolist(), sizes, strict=True):
-            where = at + count * stride + begin + 1
-            lengths: NDArray[np.uint64] = np.ndarray((good,), "<u8", data, where, (stride,))
-            wrong = np.flatnonzero(lengths != size - HEAD.size)
-            good = int(wrong[0]) if len(wrong) else good
-        count += good
-        if good < tried:
+    ``indexed``: where an index says that records begin, in any order.
+    """
+    last, at, offsets = len(data) - HEAD.size, 0, array("q")
+    known = np.sort(indexed, kind="stable")  # each channel's are in order
+    known = known[slice(*np.searchsorted(known, [0, last + 1]))]
+    ends = known + HEAD.size + unaligned(data, "<i8")[known + 1]
+    stops = np.flatnonzero(np.append(ends[:-1] != known[1:], [True] * len(known[:1])))
+    starts = np.append(0, stops + 1)[: len(stops)]
+    runs = dict(zip(known[starts].tolist(), zip(starts, stops, strict=True), strict=True))
+    while at <= last:
+        if at in runs:  # up to the run's last record
+            start, stop = runs[at]
+            offsets.frombytes(known[start:stop].tobytes())
+            at = int(known[stop])
+        following = at + HEAD.size + _LONG.unpack_from(data, at + 1)[0]
+        if following > len(data):
             break
-        tried *= 4
-    offsets: Integers = (at + stride * np.arange(count)[:, None] + within).ravel()
-    return offsets
+        offsets.append(at)
+        at = following
+    return np.frombuffer(offsets, np.int64), at

@@ -25,7 +25,7 @@ from mcap.records import Channel, ChunkIndex, Header, Metadata, Schema, Statisti
 from ..errors import RecordingError
 from ..units import NANOSECONDS, seconds
 from .bag_folder import not_mcap
-from .content import Content, chunk_head, chunk_records, record_offsets, split
+from .content import NOWHERE, Content, chunk_head, chunk_records, record_offsets, split
 from .digests import DIGESTS, END, PROVENANCE
 from .messages import HEAD, LIMIT, MAGIC, allowed
 from .topic import STAMP_SIZE, STAMPED, Topic, fields_of
@@ -107,6 +107,7 @@ class Record(NamedTuple):
     opcode: int
     body: bytes  # empty for attachments and kinds that are not known
     end: int
+    indexed: Integers = NOWHERE  # where the index behind a chunk says that its messages begin
 
     @property
     def stream(self) -> ReadDataStream:
@@ -168,7 +169,8 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
                 if start == len(MAGIC) and expected not in (0, crc):
                     raise ChecksumError(f"the checksum of the first {offset} bytes is wrong")
             crc = zlib.crc32(body, zlib.crc32(head, crc))
-            yield Record(offset, opcode, body, end)
+            indexed = _indexed(file) if opcode == Opcode.CHUNK else NOWHERE
+            yield Record(offset, opcode, body, end, indexed)
         if opcode == Opcode.FOOTER:
             if file.read(len(MAGIC)) != MAGIC:
                 raise DamageError(f"ends at byte {size}, without the closing magic at byte {end}")
@@ -189,6 +191,21 @@ def _skip(file: BinaryIO, length: int, crc: int) -> int:
         crc = zlib.crc32(piece, crc)
         length -= max(len(piece), 1)
     return crc
+
+
+def _indexed(file: BinaryIO) -> Integers:
+    """Return the offsets in the message indexes that come next in a file, which is left where it is."""
+    start, left = file.tell(), LIMIT
+    places: list[Integers] = [NOWHERE]
+    while left > 0 and len(head := file.read(HEAD.size + _INDEX_HEAD.size)) > HEAD.size:
+        opcode, length = HEAD.unpack_from(head)
+        left -= length
+        if opcode != Opcode.MESSAGE_INDEX or not _INDEX_HEAD.size <= length <= LIMIT:
+            break
+        entries = file.read(length - _INDEX_HEAD.size)
+        places.append(np.frombuffer(entries, "<i8", len(entries) // 8)[1::2])
+    file.seek(start)
+    return np.concatenate(places)
 
 
 def _run(file: BinaryIO, first: bytes, left: int) -> bytes:
@@ -223,7 +240,9 @@ def damaged(record: Record, error: Exception) -> DamageError:
 def content_of(record: Record) -> Content:
     """Return the content of a block. Raises DamageError."""
     try:
-        return split(chunk_records(record.body) if record.opcode == Opcode.CHUNK else record.body)
+        if record.opcode == Opcode.CHUNK:
+            return split(chunk_records(record.body), record.indexed)
+        return split(record.body)
     except Exception as error:  # whatever a decompressor may raise on damaged bytes
         raise damaged(record, error) from None
 
@@ -233,7 +252,7 @@ def read_block(file: BinaryIO, offset: int, end: int) -> Record:
     file.seek(offset)
     data = file.read(end - offset)
     if data[:1] == bytes([Opcode.CHUNK]):
-        return Record(offset, Opcode.CHUNK, data[HEAD.size :], end)
+        return Record(offset, Opcode.CHUNK, data[HEAD.size :], end, _indexed(file))
     return Record(offset, Opcode.MESSAGE, data, end)
 
 
