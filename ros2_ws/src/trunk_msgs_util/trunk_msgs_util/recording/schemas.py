@@ -96,13 +96,33 @@ def type_hash(type_name: str) -> str:
 
 
 def build(type_name: str, **fields: Any) -> Any:
-    """Return a message; sequences of numbers are NumPy arrays, all fields are given."""
-    return _store().types[type_name](**fields)
+    """Return a message; one in it may be given as a mapping, and what is not given is zero or empty."""
+    return _filled(type_name, fields)
 
 
 def serialize(type_name: str, message: Any) -> bytes:
     """Return the message as little-endian CDR."""
     return bytes(_store().serialize_cdr(message, type_name, little_endian=True))
+
+
+def _filled(kind: Any, given: Any) -> Any:
+    """Return a field as rosbags takes it; ``kind`` is what its definition says beside the kind of node."""
+    if isinstance(kind, str):  # a message
+        if hasattr(given, "__msgtype__"):
+            return given
+        fields = {name: _filled(of, (given or {}).get(name)) for name, (_, of) in _fields(kind)}
+        return _store().types[kind](**fields)
+    element, _ = kind
+    if isinstance(element, str):  # a number or a text
+        return given if given is not None else "" if element == "string" else 0
+    _, of = element
+    if isinstance(of, str):
+        return [_filled(of, item) for item in given or ()]
+    return np.array(() if given is None else given, of[0])
+
+
+def _fields(type_name: str) -> Any:
+    return _store().fielddefs[type_name][1]
 
 
 def deserialize(type_name: str, data: bytes) -> Any:
@@ -182,8 +202,7 @@ def _content(codec: cdr.Codec, type_name: str, data: bytes) -> Any:
 
 def _as_tuples(value: Any) -> Any:
     if hasattr(value, "__msgtype__"):
-        _, fields = _store().fielddefs[value.__msgtype__]
-        return tuple(_as_tuples(getattr(value, name)) for name, _ in fields)
+        return tuple(_as_tuples(getattr(value, name)) for name, _ in _fields(value.__msgtype__))
     if isinstance(value, np.ndarray):
         return tuple(value.tolist())
     return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
