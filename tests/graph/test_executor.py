@@ -65,6 +65,34 @@ def test_a_timer_keeps_its_rate(loop: Loop) -> None:
     assert calls[-1] - began > 0.01 * len(calls) - 0.005
 
 
+def test_an_event_that_makes_a_subscription_leaves_the_others_their_turn(loop: Loop) -> None:
+    """rclpy keeps what else was ready for its next turn, by places in a wait set that is then outdated."""
+    other = Node("other", context=loop.context, start_parameter_services=False)
+    silent = Node("silent", context=loop.context, start_parameter_services=False)
+    heard: list[str] = []
+
+    def listen(node: Node, topic: str) -> None:
+        def incompatible(_: object) -> None:
+            heard.append(topic)
+            if topic == "a":
+                listen(loop.node, "c")
+
+        events = SubscriptionEventCallbacks(incompatible_qos=incompatible)
+        node.create_subscription(
+            JointState, topic, lambda _: None, qos.evidence(), event_callbacks=events
+        )
+
+    listen(loop.node, "a")
+    listen(other, "b")
+    for topic in ("a", "b", "c"):
+        silent.create_publisher(JointState, topic, qos.live())
+    loop.executor.add_node(other)
+    loop.spin_until(lambda: len(heard) == 3)
+    assert sorted(heard) == ["a", "b", "c"]
+    other.destroy_node()
+    silent.destroy_node()
+
+
 def test_a_cancelled_timer_rests_until_it_is_reset(loop: Loop) -> None:
     rests: list[None] = []
     beats: list[None] = []
