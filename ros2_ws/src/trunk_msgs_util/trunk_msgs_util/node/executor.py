@@ -93,7 +93,7 @@ class LoopExecutor(SingleThreadedExecutor):
         if known == self._known:
             return
         self._known = known
-        self._cb_iter = None  # what rclpy has found ready by its places in a wait set without the new ones
+        self._cb_iter = None  # rclpy would go on by places in an outdated wait set
         self._subscriptions = subscriptions
         self._with_info = [wants_info(s.callback) for s in subscriptions]
         self._in_vain = [0] * len(subscriptions)
