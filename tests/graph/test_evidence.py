@@ -9,8 +9,9 @@ from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
-from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros, status_to_ros
+from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.schemas import event as encoded
 from trunk_msgs_util.samples import JointSample
 
 from .peer import Peer
@@ -59,7 +60,7 @@ def test_what_was_published_and_not_recorded_is_named(
     )
     counts = {"/fuzzy_pid/state": 7, "/effort_command": 0, "/elsewhere": 9}
     peer.until(lambda: publisher.get_subscription_count() == 3, "simulator and recorder listen too")
-    publisher.publish(status_to_ros(0, "/fuzzy_pid", "published", counts, b"\0"))
+    publisher.publish(encoded(0, "/fuzzy_pid", "published", counts))
     peer.until_received(publisher)
     assert [simulator.stop(), pid.stop()] == [0, 0]
     peer.until_event("simulator", "finished")

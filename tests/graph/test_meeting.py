@@ -10,7 +10,8 @@ from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
-from trunk_msgs_util.node.conversions import stamp_from_ros, status_to_ros
+from trunk_msgs_util.node.conversions import stamp_from_ros
+from trunk_msgs_util.recording.schemas import event
 
 from .peer import Peer
 from .processes import Children, until
@@ -63,7 +64,7 @@ def test_the_plant_begins_when_it_has_discovered_the_ready_node(
     # In this order: a publisher of answers that for a second is not known to be ready passes for a stranger.
     say = peer.node.create_publisher(DiagnosticArray, topics.RUN_EVENTS, qos.run_information())
     peer.until(say.get_subscription_count, "the simulator hears events")
-    say.publish(status_to_ros(0, "/peer", "ready", {"answers": answers}, b"\0"))
+    say.publish(event(0, "/peer", "ready", {"answers": answers}))
     peer.until_received(say)
     peer.node.create_publisher(JointState, answers, qos.evidence())
     peer.fresh_diagnostics("simulator")

@@ -45,7 +45,7 @@ MUTANTS = (
     Mutant("an unflushed file", _NODE + "recorder_node.py",
         "self._writer.finish(complete=complete, reason=reason, sync=True)", "None"),
     Mutant("nobody says how much there was", _NODE + "base.py",
-        "            self.event(Event.PUBLISHED, DiagnosticStatus.OK, **counts)\n", "            pass\n"),
+        "            self.event(Event.PUBLISHED, LEVEL_OK, **counts)\n", "            pass\n"),
     Mutant("a step without its disturbance", _SIM + "pacing.py",
         "topics.DISTURBANCE: -period,", "topics.DISTURBANCE: 0,"),
     Mutant("nobody needs to be met", _SIM + "participants_node.py",

@@ -19,6 +19,7 @@ from trunk_experiments.gateway.graph import Graph
 from trunk_experiments.gateway.protocol import ENDED, LONGEST, NAME, Asked
 from trunk_experiments.gateway.server import PageFile
 from trunk_msgs_util.parameters.declarations import values_of
+from trunk_msgs_util.recording.schemas import event as encoded
 from trunk_sim.config import SimulatorConfig
 
 from .gateway_served import serving, words
@@ -274,11 +275,12 @@ def test_another_robots_nodes_of_the_same_names_are_not_shown(node):
     def subscription(kind, topic, *_, **__):
         def take(*_):
             name = next(told, None) if topic == "/diagnostics" else None
-            return name and (status_to_ros(0, name, "ok", {"of": name}, b"\0"), {})
+            return name and (deserialize(encoded(0, name, "ok", {"of": name}), DiagnosticArray), {})
 
         return MagicMock(**{"handle.take_message": take})
 
-    status_to_ros = pytest.importorskip("trunk_msgs_util.node.conversions").status_to_ros
+    deserialize = pytest.importorskip("rclpy.serialization").deserialize_message
+    DiagnosticArray = pytest.importorskip("diagnostic_msgs.msg").DiagnosticArray
     node.Node.return_value.create_subscription = subscription
     feed = node.GraphFeed("/a")
     feed.graph.parameters("simulator", values_of(SimulatorConfig()))

@@ -63,13 +63,16 @@ def test_events_round_trip(stamp_ns, node, message, pairs, level, source):
     assert schemas.parse_event(data) == (stamp_ns, node, message, pairs, level, source)
 
 
-def test_an_event_is_the_message_that_a_node_publishes():
-    conversions = pytest.importorskip("trunk_msgs_util.node.conversions")
+def test_an_event_is_the_message_that_rclpy_reads():
     serialization = pytest.importorskip("rclpy.serialization")
     message = pytest.importorskip("diagnostic_msgs.msg")
-    data = schemas.event(7, "/sim", "finished", {"states": 11}, schemas.LEVEL_ERROR)
-    read = serialization.deserialize_message(data, message.DiagnosticArray)
-    assert read == conversions.status_to_ros(7, "/sim", "finished", {"states": 11}, b"\x02")
+    data = schemas.event(7, "/sim", "finished", {"states": 11}, schemas.LEVEL_ERROR, "sim@boot.1.2")
+    sent = message.DiagnosticArray()
+    sent.header.stamp.nanosec, sent.header.frame_id = 7, "sim@boot.1.2"
+    values = [message.KeyValue(key="states", value="11")]
+    words = {"name": "/sim", "message": "finished", "hardware_id": "trunk", "values": values}
+    sent.status = [message.DiagnosticStatus(level=message.DiagnosticStatus.ERROR, **words)]
+    assert serialization.deserialize_message(data, message.DiagnosticArray) == sent
 
 
 @pytest.mark.parametrize("parse", [schemas.parse_event, schemas.parse_parameter_event])

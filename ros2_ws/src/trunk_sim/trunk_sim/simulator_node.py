@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Sequence
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
@@ -26,6 +25,7 @@ from trunk_msgs_util.node.discovery import Wait
 from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.run import main_for
 from trunk_msgs_util.node.strangers import near_misses
+from trunk_msgs_util.recording.schemas import LEVEL_OK, LEVEL_WARN
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import source_in
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
@@ -369,21 +369,21 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     def _say_fall(self) -> None:
         if self._simulation.falls_now:
             angle = self._simulation.state.theta
-            self.event(Event.FELL, DiagnosticStatus.WARN, angle=angle, limit=self.config.fall_angle)
+            self.event(Event.FELL, LEVEL_WARN, angle=angle, limit=self.config.fall_angle)
             self.get_logger().warning(
                 f"the trunk fell at t = {seconds(self.stamp_ns):g} s: angle {angle:.3g} rad"
             )
 
     def _say_counts(self) -> None:
         if counts := self._simulation.link_counts():
-            self.event(Event.PASSED_ON, DiagnosticStatus.OK, **counts)
+            self.event(Event.PASSED_ON, LEVEL_OK, **counts)
 
     def _say_finished(self, message: Event, reason: str) -> None:
         self._say_counts()
         counts = {"states": self._simulation.step_index + 1}
         if not self.config.lockstep:
             counts |= {"commanded": self._commanded, "silent": self._silent}
-        self.event(message, DiagnosticStatus.OK, reason=reason, **counts)
+        self.event(message, LEVEL_OK, reason=reason, **counts)
 
     def stopping(self) -> None:
         """Close the record: an endless run counts as finished when stopped, any other does not."""

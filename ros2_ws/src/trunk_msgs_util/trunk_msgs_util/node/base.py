@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Generic, TypeVar
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
@@ -20,12 +20,13 @@ from ..deadline import patience
 from ..errors import EXIT_FAILED, TrunkError
 from ..events import Event
 from ..parameters.config import ManagedConfig
-from ..parameters.declarations import values_of
+from ..parameters.declarations import declarations, values_of
+from ..recording import schemas
+from ..recording.schemas import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN
 from ..samples import Value
 from ..source import HeldError, claimed, is_older, local_pid, process_id, same_machine, source
 from ..text import printable
 from . import qos, replayable
-from .conversions import status_to_ros
 from .discovery import Wait, Waiting
 from .managed import ENDING, ManagedNode
 from .ros_parameters import NodeParameters
@@ -143,8 +144,12 @@ class TrunkNode(ManagedNode, Generic[Config]):
             self._say_parameters(self.run_stamp_ns, changed)
 
     def _say_parameters(self, stamp_ns: int, changed: Mapping[str, Value] | None = None) -> None:
-        message = self._parameters_set.event(stamp_ns, changed, self.source)
-        self._parameters_topic.publish(message)
+        new = values_of(self.config) if changed is None else {}
+        kinds = {name: d.kind for name, d in declarations(type(self.config)).items()}
+        name = self.get_fully_qualified_name()
+        self._parameters_topic.publish(
+            schemas.parameter_event(stamp_ns, name, new, changed or {}, kinds, self.source)
+        )
 
     def be_in_real_time(self, real_time: bool) -> None:
         """Name the source from now on in what is recorded, or no longer."""
@@ -186,19 +191,13 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self._replayable.append(replayable.ReplayablePublisher(self, topic))
         return self._replayable[-1]
 
-    def event(self, message: Event, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
+    def event(self, message: Event, level: int = LEVEL_OK, **values: object) -> None:
         """Publish a run event; the recorder records it."""
         if message == Event.CONFIGURED:
             self._configured_s = time.monotonic()
+        name = self.get_fully_qualified_name()
         self._events_topic.publish(
-            status_to_ros(
-                self.run_stamp_ns,
-                self.get_fully_qualified_name(),
-                message,
-                values,
-                level,
-                self.source,
-            )
+            schemas.event(self.run_stamp_ns, name, message, values, level, self.source)
         )
 
     def refuse(self, kind: str, why: str) -> None:
@@ -210,7 +209,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         count = self.counters[kind]
         if count == 1:
             self._refused.add(kind)
-            self.event(Event.REFUSED, DiagnosticStatus.WARN, what=kind, why=why)
+            self.event(Event.REFUSED, LEVEL_WARN, what=kind, why=why)
         if str(count).rstrip("0") == "1":  # a power of ten
             so_far = "" if count == 1 else f" ({count} so far)"
             self.get_logger().warning(printable(f"{kind}{so_far}: {why}"))
@@ -220,12 +219,12 @@ class TrunkNode(ManagedNode, Generic[Config]):
         counts = {kind: self.counters[kind] for kind in sorted(self._refused)}
         self._refused.clear()
         if counts:
-            self.event(Event.REFUSED, DiagnosticStatus.WARN, **counts)
+            self.event(Event.REFUSED, LEVEL_WARN, **counts)
 
     def fail(self, reason: str, **values: object) -> None:
         """End this node's process with an error, reported in the recording and on the console."""
         self.get_logger().error(printable(reason))
-        self.event(Event.FAILED, DiagnosticStatus.ERROR, reason=reason, **values)
+        self.event(Event.FAILED, LEVEL_ERROR, reason=reason, **values)
         self.exit_code = EXIT_FAILED
 
     def draining(self) -> bool:
@@ -252,17 +251,10 @@ class TrunkNode(ManagedNode, Generic[Config]):
         waits = {"waiting for": self._waits_for.what, "seen instead": self._waits_for.seen_instead}
         waits = {name: text for name, text in waits.items() if text}
         values = {"lifecycle": state, **waits, **self.diagnostics(), **self.counters}
-        level = DiagnosticStatus.WARN if self.counters else DiagnosticStatus.OK
+        level = LEVEL_WARN if self.counters else LEVEL_OK
         message = ", ".join(f"{name} {count}" for name, count in self.counters.items()) or "ok"
-        self._diagnostics_topic.publish(
-            status_to_ros(
-                self.get_clock().now().nanoseconds,
-                self.get_fully_qualified_name(),
-                message,
-                values,
-                level,
-            )
-        )
+        now_ns, name = self.get_clock().now().nanoseconds, self.get_fully_qualified_name()
+        self._diagnostics_topic.publish(schemas.event(now_ns, name, message, values, level))
 
     def _clean_up(self) -> None:
         self._say_refused()
@@ -276,7 +268,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         counts = replayable.counted(self._replayable)
         if counts and not self._accounted:
             self._accounted = True
-            self.event(Event.PUBLISHED, DiagnosticStatus.OK, **counts)
+            self.event(Event.PUBLISHED, LEVEL_OK, **counts)
 
     def close(self) -> None:
         """Report how much evidence was published, wait a bounded time until it is recorded, then destroy."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
@@ -99,27 +97,3 @@ def sample_from_ros(message: JointState) -> JointSample:
         tuple(message.velocity),
         tuple(message.effort),
     )
-
-
-def status_to_ros(
-    stamp_ns: int,
-    name: str,
-    message: str,
-    values: Mapping[str, object],
-    level: bytes,
-    frame_id: str = "",
-) -> DiagnosticArray:
-    """Return one named status with its values as a DiagnosticArray message."""
-    array_message = DiagnosticArray()
-    array_message.header.stamp = stamp_to_ros(stamp_ns)
-    array_message.header.frame_id = frame_id
-    array_message.status = [
-        DiagnosticStatus(
-            level=level,
-            name=name,
-            message=message,
-            hardware_id="trunk",
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-        )
-    ]
-    return array_message

@@ -50,7 +50,7 @@ class ManagedNode(LifecycleNode):
         """Keep the present topics, services and timers for as long as the node exists."""
         self._permanent = {id(entity) for entity in self._entities()}
 
-    def event(self, message: Event, level: bytes = b"\0", **values: object) -> None:
+    def event(self, message: Event, level: int = 0, **values: object) -> None:
         """Put an event in the run's record."""
 
     @property

@@ -13,7 +13,6 @@ from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
-    ParameterEvent,
     SetParametersResult,
 )
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -40,7 +39,6 @@ from ..parameters.declarations import (
     with_cells,
 )
 from ..parameters.to_si import meant
-from .conversions import stamp_to_ros
 
 Config = TypeVar("Config")
 
@@ -259,28 +257,6 @@ class NodeParameters(Generic[Config]):
             return
         old, self.config = self.config, self._candidate(changes)
         self._on_change(old, self.config)
-
-    def event(
-        self, stamp_ns: int, changed: Mapping[str, Value] | None = None, source: str = ""
-    ) -> ParameterEvent:
-        """Return the full configuration as a message, or only what changed.
-
-        The message has no header: its ``source`` is the one deleted parameter, a name without a value.
-        """
-        message = ParameterEvent(
-            stamp=stamp_to_ros(stamp_ns), node=self._node.get_fully_qualified_name()
-        )
-        values = values_of(self.config) if changed is None else changed
-        listed = [
-            to_ros(self._declared[name], value).to_parameter_msg() for name, value in values.items()
-        ]
-        if changed is None:
-            message.new_parameters = listed
-        else:
-            message.changed_parameters = listed
-        if source:
-            message.deleted_parameters = [ParameterMessage(name=source)]
-        return message
 
 
 class _Services(ParameterService):
