@@ -75,6 +75,7 @@ def test_words_and_values():
         "unsound": [],
         "refused": [],
         "late": {"steps": 35, "of": 10_000, "moved_deg": 140.2},
+        "not_judged": [],
         "judged": "diverges",
     }
     assert values(Doubts()) == {
@@ -89,6 +90,7 @@ def test_words_and_values():
         "unsound": [],
         "refused": [],
         "late": None,
+        "not_judged": [],
         "judged": None,
     }
     in_time = {"steps": 0, "of": 500, "moved_deg": 0.0}

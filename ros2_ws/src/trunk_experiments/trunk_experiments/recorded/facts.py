@@ -125,6 +125,19 @@ def fall_of(run: RecordedRun) -> Fall | None:
     return Fall(int(stamps[row]), float(angles[row]), float(limits[row]))
 
 
+def not_judged(run: RecordedRun) -> tuple[str, ...]:
+    """Return what is shown of a run although nothing recomputes it, a line each."""
+    follow = "the states follow from the commands"
+    if run.another_robot:
+        return ("the states, and whether all of them are recorded: another robot published them",)
+    if run.another_controller:
+        names = ", ".join(run.controllers)
+        return (f"the commands and terms of {names}, another controller: {follow}",)
+    if run.external:
+        return (f"the reference, commands and terms of {run.external}: {follow}",)
+    return ()
+
+
 def links_of(run: RecordedRun) -> dict[str, str]:
     """Return what became of the messages on a run's links; empty without links, or if it is not known."""
     from trunk_sim.links import Traffic

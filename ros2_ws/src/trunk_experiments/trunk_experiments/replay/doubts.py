@@ -24,7 +24,14 @@ from trunk_msgs_util.recording.topic import fields_of
 from trunk_msgs_util.source import ARRIVALS
 from trunk_msgs_util.units import NANOSECONDS, seconds
 
-from ..recorded.facts import Late, fall_angles, late_steps, silence_of, true_angles
+from ..recorded.facts import (
+    Late,
+    fall_angles,
+    late_steps,
+    not_judged,
+    silence_of,
+    true_angles,
+)
 from ..results import OMITTED, Result
 
 if TYPE_CHECKING:
@@ -67,6 +74,9 @@ class Doubts:
         tuple[str, ...], "By the nodes' events, messages not used, or not as meant: a line each"
     ] = ()
     late: Annotated[Late | None, "null: time was exact"] = None
+    not_judged: Annotated[
+        tuple[str, ...], "What is shown, and nothing recomputes: a line each"
+    ] = ()
     judged: Annotated[Word | None, "The verdict, where this verb recomputed the run; else null"] = (
         None
     )
@@ -122,7 +132,7 @@ class Doubts:
             lines.append(
                 f"LATE: {slow}, {steps} of {of} steps late{moved}: --lockstep gives the exact run"
             )
-        return lines
+        return [*lines, *(f"NOT JUDGED: {part}" for part in self.not_judged)]
 
 
 @dataclass(frozen=True)
@@ -172,6 +182,7 @@ def doubts_of(run: RecordedRun, twin: bool = True) -> Doubts:
         tuple(unsound(run)),
         tuple(refused(run)),
         late if late and late.of else None,
+        not_judged(run),
         external=bool(run.external),
     )
 

@@ -27,7 +27,7 @@ from trunk_sim.config import SimulatorConfig
 from ..errors import PlanError
 from ..plans.nodes import CONTROLLERS, NODES, unknown_controllers
 from ..plans.plan import check_joints
-from ..recorded.facts import silence_of
+from ..recorded.facts import not_judged, silence_of
 from ..recorded.processes import Process, is_whole
 from ..recorded.run import RecordedRun
 from ..recorded.turns import acts
@@ -240,7 +240,6 @@ def _judge_robot(run: RecordedRun, verdict: Verdict) -> None:
             span = seconds(int(np.ptp(commands)))
             verdict.judged = f"{len(commands)} commands in {span:g} s to a plant that is not ours"
     verdict.obstacles.append("no simulator of ours: its states come from elsewhere")
-    verdict.unjudged.append("the states, and whether all of them are recorded")
 
 
 def _taken(run: RecordedRun, rerun: Rerun) -> Check:
@@ -385,8 +384,11 @@ def _strangers(run: RecordedRun, relative: str) -> list[str]:
 def _unjudged(run: RecordedRun) -> list[str]:
     """Return the parts of this run that no check looks at."""
     lines = [
-        f"{name}: its parameters are recorded, but it gave no command"
-        for name in sorted(set(run.parameters) & set(CONTROLLERS) - set(run.controllers))
+        *not_judged(run),
+        *(
+            f"{name}: its parameters are recorded, but it gave no command"
+            for name in sorted(set(run.parameters) & set(CONTROLLERS) - set(run.controllers))
+        ),
     ]
     if not run.exact:
         lines.append("when commands and disturbances arrived: the wall clock decides that")
@@ -395,11 +397,6 @@ def _unjudged(run: RecordedRun) -> list[str]:
     lines += _strangers(run, topics.DISTURBANCE)
     if any(run.recording.topic(name) in run.recording.topics for name in topics.PICTURES):
         lines.append(f"the picture ({', '.join(topics.PICTURES)}): covered by digests alone")
-    if run.another_controller:
-        lines.append(
-            f"the commands and terms of {', '.join(run.controllers)}, another controller: "
-            "the states follow from the commands"
-        )
     lines.append("the origin (scenario, commit, host, time): covered by digests alone")
     return lines
 

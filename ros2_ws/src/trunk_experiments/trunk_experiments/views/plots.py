@@ -138,6 +138,7 @@ def with_doubts(name: str, view: RunView) -> str:
         "incomplete" * (not doubts.complete),
         "fell" * (doubts.fell is not None),
         behind,
+        "not judged" * bool(doubts.not_judged),
     ]
     notes = ", ".join(filter(None, words))
     return f"{name} ({notes})" if notes else name
