@@ -101,13 +101,13 @@ else
     beside 'a browser, for tests' eval 'bash scripts/browser.sh || true'
     beside 'clang and lld, for labs' labs
     settle
-    beside mypy nice mypy
+    beside mypy nice -n 3 mypy
     # colcon finds and runs each package's pytest: a few tests of each, as pytest runs them all.
     few='python_files=test_units.py test_config.py test_terminal.py'
     beside 'colcon test: a few' bash scripts/colcon_test.sh -q "--override-ini=$few"
     # Some wait, for a browser or a process of their own: one test more at once than there are cores. They give way
     # to the graph's, which run beside them.
-    beside 'pytest: in one process' nice "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8
+    beside 'pytest: in one process' nice -n 3 "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8
     mapfile -t files < <(grep -rlE 'mark\.graph' tests --include='test_*.py')
     beside 'pytest: the graph, virtual' python -m pytest -p tests.graph.virtual -m virtual --durations=8 "${files[@]}"
     # Processes wait for each other more than they work: two tests at once for each core. Each worker loads
