@@ -109,9 +109,7 @@ def test_another_node_that_repeats_our_messages_adds_none(
     disturbance = children.node("disturbance")
     peer.until_event("disturbance", Event.READY)
     assert life.change("activate")
-    peer.until_recorded(
-        300
-    )  # the recorder knows the source: all are repeated, from the first one on
+    peer.until_recorded(300)  # it knows the source now; all are repeated
     peer.node.create_subscription(JointState, topics.DISTURBANCE, repeat, qos.evidence())
     peer.until(lambda: len(copies) > 200, "it is repeated")
     assert [simulator.stop(), disturbance.stop()] == [0, 0]
