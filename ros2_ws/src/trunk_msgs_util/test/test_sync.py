@@ -7,7 +7,6 @@ import threading
 import pytest
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.node.recorder_node import RunFile
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.writer import RecordingWriter
 
@@ -30,62 +29,68 @@ class Disk:
 
 @pytest.fixture
 def run(tmp_path, monkeypatch):
-    failures = []
-
     def begin(disk):
         monkeypatch.setattr(os, "fdatasync", disk)
-        writer = RecordingWriter(tmp_path / "run.mcap", compression="none")
-        file = RunFile(writer, lambda topic: f"/{topic}", failures.append)
-        file.begin({}, {topics.JOINT_STATES: topics.JOINT_STATE_TYPE})
-        return file, failures
+        file = RecordingWriter(tmp_path / "run.mcap", compression="none")
+        file.channel(f"/{topics.JOINT_STATES}", topics.JOINT_STATE_TYPE)
+        return file
 
     return begin
 
 
-def test_it_waits_for_the_disk_beside_the_loop_and_at_the_end(run):
-    file, failures = run(disk := Disk())
+def synced(file):
     file.flush()
+    file.sync_beside()
+
+
+def watch(file):
+    while True:
+        file.check()
+
+
+def finish(file):
+    file.finish(complete=True, reason="finished", sync=True)
+
+
+def test_it_waits_for_the_disk_beside_the_loop_and_at_the_end(run):
+    file = run(disk := Disk())
+    synced(file)
     assert disk.asked.wait()
     assert threading.current_thread() not in disk.threads
-    assert file.finish(complete=True, reason="finished") == 0
+    finish(file)
     assert disk.threads[-1] is threading.current_thread()
-    assert not failures
 
 
 def test_the_disk_is_told_the_files_name_once(run, tmp_path, monkeypatch):
     told = []
     monkeypatch.setattr(os, "fsync", lambda of: told.append(os.path.samestat(os.fstat(of), here)))
     here = tmp_path.stat()
-    file, _ = run(Disk())
+    file = run(Disk())
     for _ in range(2):
-        file.flush()
-    file.finish(complete=True, reason="finished")
+        synced(file)
+    finish(file)
     assert told == [True]
 
 
 def test_a_disk_that_refuses_ends_the_recording(run, tmp_path):
-    file, failures = run(disk := Disk(errno.EIO))
-    file.flush()
+    file = run(disk := Disk(errno.EIO))
+    synced(file)
     assert disk.asked.wait()
-    while not failures:
-        file.check()
-    assert failures[0] == (
-        f"{tmp_path / 'run.mcap'}: cannot write: Input/output error; the recording ends here"
-    )
+    with pytest.raises(OSError, match="Input/output error") as failed:
+        watch(file)
+    assert failed.value.filename == str(tmp_path / "run.mcap")
 
 
 def test_what_the_disk_refused_once_is_told_at_the_end(run, tmp_path):
     """Linux tells of a lost write once: the next call succeeds."""
-    file, failures = run(Disk(errno.EIO, times=1))
-    file.flush()
-    assert file.finish(complete=True, reason="finished") is None
-    assert set(failures) == {  # also when the next flush finds it, if the disk was quick
-        f"{tmp_path / 'run.mcap'}: cannot write: Input/output error; the recording ends here"
-    }
+    file = run(Disk(errno.EIO, times=1))
+    synced(file)
+    with pytest.raises(OSError, match="Input/output error"):
+        finish(file)
     assert not Recording.open(tmp_path / "run.mcap").complete
 
 
 def test_a_pipe_has_no_disk(run):
-    file, failures = run(Disk(errno.EINVAL))
-    file.finish(complete=True, reason="finished")
-    assert not failures
+    file = run(Disk(errno.EINVAL))
+    synced(file)
+    finish(file)

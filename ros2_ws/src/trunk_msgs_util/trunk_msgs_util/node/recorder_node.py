@@ -6,7 +6,7 @@ import struct
 import time
 from collections import OrderedDict, defaultdict
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -199,79 +199,6 @@ def _kind(endpoint: TopicEndpointInfo) -> Kind:
     return offered.reliability, DurabilityPolicy.VOLATILE
 
 
-class RunFile:
-    """Takes messages by relative topic name; the first disk failure is reported, and no call raises."""
-
-    def __init__(
-        self,
-        writer: RecordingWriter,
-        full_name: Callable[[str], str],
-        failed: Callable[[str], None],
-    ) -> None:
-        """``full_name`` returns a topic's full name; ``failed`` is told why the recording ends here."""
-        self._writer = writer
-        self._full_name = full_name
-        self._failed = failed
-        self._channels: dict[str, int] = {}
-        self._beside = ThreadPoolExecutor(1, "sync")
-        self._sync: Future[None] | None = None
-
-    @property
-    def path(self) -> Path:
-        return self._writer.path
-
-    def begin(self, provenance: dict[str, str], types: Mapping[str, str]) -> None:
-        """Write where the run comes from, and which topics there are, with their types."""
-        try:
-            self._writer.add_metadata(PROVENANCE, provenance)
-        except OSError as error:
-            self._fail(error)
-        for topic, type_name in types.items():
-            self._channels[topic] = self._writer.channel(self._full_name(topic), type_name)
-        self.flush()
-
-    def write(self, topic: str, log_ns: int, data: bytes) -> bool:
-        """Write a message; return False if the disk failed. A topic not met before holds joint states."""
-        try:
-            if topic not in self._channels:
-                name = self._full_name(topic)
-                self._channels[topic] = self._writer.channel(name, JOINT_STATE_TYPE)
-            self._writer.write(self._channels[topic], log_ns, log_ns, data)
-        except OSError as error:
-            self._fail(error)
-            return False
-        return True
-
-    def flush(self) -> None:
-        """Hand what was written over to the system, and have the disk take it while the loop goes on."""
-        try:
-            self._writer.flush()
-        except OSError as error:
-            self._fail(error)
-        if self._sync is None or self._sync.done():
-            self._sync = self._beside.submit(self._writer.sync)
-
-    def check(self) -> None:
-        """Detect early that the file was deleted, renamed, replaced or truncated, or is not on the disk."""
-        try:
-            self._writer.check()
-        except OSError as error:
-            self._fail(error)
-
-    def finish(self, complete: bool, reason: str) -> int | None:
-        """Write how the run ended; return how many messages there are, None if the disk failed."""
-        self._beside.shutdown()  # the file stays open for it
-        try:
-            self._writer.finish(complete=complete, reason=reason, sync=True)
-        except OSError as error:
-            self._fail(error)
-            return None
-        return sum(topic.messages for topic in self._writer.summary().topics)
-
-    def _fail(self, error: OSError) -> None:
-        self._failed(f"{self.path}: cannot write: {error.strerror}; the recording ends here")
-
-
 def open_output(config: RecorderConfig) -> RecordingWriter:
     """Create the file. Raises ParameterError if it cannot be written or already exists."""
     path = Path(config.output or time.strftime(f"trunk_%Y%m%dT%H%M%SZ{_SUFFIX}", time.gmtime()))
@@ -334,7 +261,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def __init__(self) -> None:
         super().__init__("recorder", RecorderConfig)
-        self._file: RunFile | None = None
+        self._file: RecordingWriter | None = None
         self._read: defaultdict[str, WireReader] = defaultdict(WireReader)  # by topic
         self._forget()
 
@@ -357,16 +284,39 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         config = self.config
         self._forget()
         self.unfinished = ""
-        self._file = RunFile(open_output(config), self.resolve_topic_name, self._disk_failed)
-        self._begin(self._file)
-        self._flush_timer = self.every(_FLUSH_S, self._file.flush)
-        self._check_timer = self.every(_CHECK_S, self._file.check)
+        self._file = file = open_output(config)
+        self._begin(file)
+        self._flush_timer = self.every(_FLUSH_S, partial(self._flush, file))
+        self._check_timer = self.every(_CHECK_S, partial(self._check, file))
         if config.lockstep:
             self.linger_s = _LINGER_S
             self._progress_timer = self.every(_TELL_S, self._tell_progress)
-        self.get_logger().info(f"recording to {printable(str(self._file.path))}")
+        self.get_logger().info(f"recording to {printable(str(file.path))}")
 
-    def _begin(self, file: RunFile) -> None:
+    @contextmanager
+    def _to_disk(self) -> Iterator[None]:
+        """Report a failed write in the body of a ``with``, once: the recording ends there."""
+        try:
+            yield
+        except OSError as error:
+            self._end_recording(error)
+
+    def _end_recording(self, error: OSError) -> None:
+        if self.exit_code is None:
+            self.fail(f"{error.filename}: cannot write: {error.strerror}; the recording ends here")
+
+    def _flush(self, file: RecordingWriter) -> None:
+        """Hand what was written over to the system, and have the disk take it while the loop goes on."""
+        with self._to_disk():
+            file.flush()
+            file.sync_beside()
+
+    def _check(self, file: RecordingWriter) -> None:
+        """Detect early that the file was deleted, renamed, replaced or truncated, or is not on the disk."""
+        with self._to_disk():
+            file.check()
+
+    def _begin(self, file: RecordingWriter) -> None:
         config = self.config
         origin = provenance.gather(
             scenario=config.scenario,
@@ -376,7 +326,27 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             process=process_id(),
         )
         pictures = topics.PICTURES if self._pictures is not None else {}
-        file.begin(origin, self._evidence_types() | pictures)
+        with self._to_disk():
+            file.add_metadata(PROVENANCE, origin)
+        self._channels = {
+            topic: file.channel(self.resolve_topic_name(topic), type_name)
+            for topic, type_name in (self._evidence_types() | pictures).items()
+        }
+        self._flush(file)
+
+    def _write(self, topic: str, log_ns: int, data: bytes) -> bool:
+        """Write a message; return False if the disk failed. A topic not met before holds joint states."""
+        file = self._file
+        assert file is not None  # for the type: `set_up` made it
+        if topic not in self._channels:
+            name = self.resolve_topic_name(topic)
+            self._channels[topic] = file.channel(name, JOINT_STATE_TYPE)
+        try:
+            file.write(self._channels[topic], log_ns, log_ns, data)
+        except OSError as error:
+            self._end_recording(error)
+            return False
+        return True
 
     def _evidence_types(self) -> dict[str, str]:
         return topics.evidence_types(self.config.controllers, self.config.mode)
@@ -447,8 +417,6 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self._subscribe(own, topics.JOINT_STATE_TYPE)
 
     def _callback(self, topic: str) -> Callable[[bytes], None]:
-        file = self._file
-        assert file is not None  # for the type: `set_up` made it
         on_message: Callable[[bytes], None] | None = {
             topics.RUN_EVENTS: self._on_event,
             topics.RUN_PARAMETERS: self._on_change,
@@ -469,7 +437,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             if not (self.active or topic in _ALWAYS):
                 self.counters["messages not recorded while inactive"] += 1
                 return
-            if not file.write(topic, log_time, data):
+            if not self._write(topic, log_time, data):
                 return
             try:
                 self._account.take(topic, stamp_ns, data, self._read[topic])
@@ -495,14 +463,14 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             account.driven = any(
                 self._read[topics.GROUND_TRUTH](data).effort[1:]
             )  # the first is the hip's
-        if self._pictures is not None and self._file is not None:
-            self._draw(self._pictures, self._file, data)
+        if self._pictures is not None:
+            self._draw(self._pictures, data)
 
-    def _draw(self, pictures: Pictures, file: RunFile, truth: bytes) -> None:
+    def _draw(self, pictures: Pictures, truth: bytes) -> None:
         """Record the picture of a true state, if it is one that is drawn."""
         log_ns = max(self.run_stamp_ns, 0) if self.config.lockstep else time.time_ns()
         for topic, data in pictures.picture(self.run_stamp_ns, truth, log_ns):
-            file.write(topic, log_ns, data)
+            self._write(topic, log_ns, data)
 
     def _tell_progress(self) -> None:
         """Tell the simulator up to which stamp every topic of the loop is in the file."""
@@ -550,10 +518,6 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         publishers = discovery.described_publishers(self, topic)
         return discovery.states(topic, publishers, last_ns if self._looked_at else None, {})
 
-    def _disk_failed(self, reason: str) -> None:
-        if self.exit_code is None:
-            self.fail(reason)
-
     def diagnostics(self) -> dict[str, object]:
         """Return the file and the number of its messages."""
         if self._file is None:
@@ -587,23 +551,20 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         return self._account.verdict(list(self._recorded), unheard)
 
     def _finish(self) -> None:
-        if self._file is None:
+        if (file := self._file) is None:
             return
         complete, reason = self.verdict()
         if not complete and not self._account.of_robot:
             self.unfinished = reason
-        count = self._file.finish(complete, reason)
-        if count is not None:
-            self._say_end(self._file.path, count, complete, reason)
+        with self._to_disk():
+            file.finish(complete=complete, reason=reason, sync=True)
+            count = sum(topic.messages for topic in file.summary().topics)
+            written = printable(f"recorded: {file.path}, {count} messages")
+            if complete:
+                self.get_logger().info(f"{written}, complete ({printable(reason)})")
+            else:
+                self.get_logger().warning(f"{written}, INCOMPLETE: {printable(reason)}")
         self._file = None
-
-    def _say_end(self, path: Path, count: int, complete: bool, reason: str) -> None:
-        """Say what is in the file, and what is missing."""
-        written = printable(f"recorded: {path}, {count} messages")
-        if complete:
-            self.get_logger().info(f"{written}, complete ({printable(reason)})")
-        else:
-            self.get_logger().warning(f"{written}, INCOMPLETE: {printable(reason)}")
 
     def close(self) -> None:
         """Take in what is in flight, finish the file, then end."""

@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, BinaryIO
 
 import lz4.frame
@@ -300,6 +301,7 @@ class RecordingWriter:
         self._types: dict[int, str] = {}
         self._digests = RunningDigests()
         self._failure: OSError | None = None
+        self._syncing: Thread | None = None
         self._writer.start(PROFILE, _LIBRARY)
         self._digests.header(PROFILE, _LIBRARY)
 
@@ -375,8 +377,19 @@ class RecordingWriter:
         except OSError as error:
             raise self._failed(error) from None
 
+    def sync_beside(self) -> None:
+        """Begin `sync` in another thread, unless it is under way; what follows raises its OSError."""
+
+        def sync() -> None:
+            with suppress(OSError):
+                self.sync()
+
+        if self._syncing is None or not self._syncing.is_alive():
+            self._syncing = Thread(target=sync, name="sync")
+            self._syncing.start()
+
     def sync(self) -> None:
-        """Wait until the disk has what was flushed, and the file its name; another thread may do so.
+        """Wait until the disk has what was flushed, and the file its name.
 
         Raises OSError if it fails, as does whatever follows: the system tells of a lost write once. A pipe or
         a device has no disk to wait for.
@@ -402,6 +415,8 @@ class RecordingWriter:
         """
         if self._file.closed:
             return
+        if self._syncing is not None:
+            self._syncing.join()  # the file stays open for it
         try:
             self.flush()
             self.add_metadata(rosbag2.RECORD, rosbag2.summary_record(self.summary()))
