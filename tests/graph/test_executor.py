@@ -187,7 +187,7 @@ def test_messages_collect_no_longer_than_each_node_lets_them(
 ) -> None:
     recorder, pid = (MagicMock(linger_s=0.01, exit_code=0, unfinished=False) for _ in range(2))
     made = MagicMock()
-    for name in ("LoopExecutor", "Shutdown", "_initialize", "_drain"):
+    for name in ("LoopExecutor", "Interrupt", "_initialize", "_drain"):
         monkeypatch.setattr(run, name, made if name == "LoopExecutor" else MagicMock())
     assert run.run_nodes({"recorder": lambda: recorder, "pid": lambda: pid}, "recorder", []) == 0
     (linger_s,) = made.call_args.args

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from trunk_msgs_util.node import middleware
+from trunk_msgs_util.node.early_signals import Interrupt
 
 from ..console.document import json_option
 from ..console.options import exclude
@@ -25,7 +26,7 @@ from ..plans.files import checked_namespace
 from ..recorded.run import RecordedRun
 from ..runs.graph import run_graph
 from ..runs.launching import connection_lines
-from ..runs.node_processes import Interrupt, check_nodes_installed, claimed_domain
+from ..runs.node_processes import check_nodes_installed, claimed_domain
 from ..runs.run_files import GATEWAY_LOG, RunFiles
 from .run import show_run
 

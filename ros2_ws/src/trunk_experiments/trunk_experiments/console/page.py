@@ -14,11 +14,12 @@ from typing import Annotated, Any
 
 import click
 
+from trunk_msgs_util.node.early_signals import Interrupt
+
 from ..errors import PlanError
 from ..gateway.access import origin_of
 from ..gateway.process import LOOPBACK, GatewayProcess
 from ..results import Result
-from ..runs.node_processes import Interrupt
 from .document import write_json
 from .options import WholeRange
 

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 from trunk_msgs_util.deadline import Deadline, patience
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.node import middleware
+from trunk_msgs_util.node.early_signals import Interrupt
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import RunEvent
 
 from ..errors import RunError, StoppedError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
-from .node_processes import ALL_S, Interrupt, NodeProcess, find_executable, stop
+from .node_processes import ALL_S, NodeProcess, find_executable, stop
 from .run_files import RunFiles
 
 if TYPE_CHECKING:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import BinaryIO
 
 from trunk_msgs_util.deadline import Deadline
@@ -180,25 +179,3 @@ def _end(
 
 def _left(processes: Sequence[NodeProcess]) -> list[NodeProcess]:
     return [process for process in processes if not process.ended]
-
-
-class Interrupt:
-    """SIGINT and SIGTERM, kept until ``name`` is polled: nothing is left half started."""
-
-    def __init__(self) -> None:
-        self.name: str | None = None
-        self._handlers = {n: signal.signal(n, self._note) for n in (signal.SIGINT, signal.SIGTERM)}
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self.name = signal.Signals(number).name
-
-    def __enter__(self) -> Interrupt:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.restore()
-
-    def restore(self) -> None:
-        """Put the former handlers back."""
-        for number, handler in self._handlers.items():
-            signal.signal(number, handler)

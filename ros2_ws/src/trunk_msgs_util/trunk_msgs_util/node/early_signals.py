@@ -55,6 +55,33 @@ def end_by(end: Callable[[int], None]) -> None:
     unblock()
 
 
+class Interrupt:
+    """Both signals, kept until ``name`` is polled: nothing is left half done, no callback cut short."""
+
+    def __init__(self) -> None:
+        self.name: str | None = None
+        self._handlers = {number: signal.signal(number, self._note) for number in ENDING}
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.name = signal.Signals(number).name
+
+    def __enter__(self) -> Interrupt:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.restore()
+
+    def restore(self) -> None:
+        """Put the former handlers back."""
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+
+    def ignore(self) -> None:
+        """Ignore later signals: one that arrives while the interpreter exits would kill it."""
+        for number in ENDING:
+            signal.signal(number, signal.SIG_IGN)
+
+
 def node(module: str, *arguments: str, undone: str = "") -> Callable[[], None]:
     """Return the executable of a node: a signal before ``module.main`` handles them ends it with code 0.
 

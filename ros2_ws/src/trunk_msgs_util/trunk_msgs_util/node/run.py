@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import signal
 import sys
 import time
 import traceback
@@ -11,7 +10,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
-from types import FrameType
 from typing import Any, TypeVar
 
 import rclpy
@@ -27,6 +25,7 @@ from ..parameters.files import ParameterFileError, read
 from ..text import bounded, printable
 from . import middleware
 from .base import TrunkNode
+from .early_signals import Interrupt
 from .executor import LoopExecutor
 
 Beside = TypeVar("Beside", bound=Node)
@@ -37,23 +36,6 @@ _DRAIN_S = 5.0  # at most, while messages still arrive; with none arriving, the 
 
 class ArgumentError(TrunkError):
     """An argument of a node's command line that nothing uses: which one, and what to write."""
-
-
-class Shutdown:
-    """SIGINT and SIGTERM, turned into a flag: nodes end between two callbacks, never inside one."""
-
-    def __init__(self) -> None:
-        self.requested = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._request)
-
-    def _request(self, number: int, frame: FrameType | None) -> None:
-        self.requested = True
-
-    def ended(self) -> None:
-        """Ignore later signals: one that arrives while the interpreter exits would kill it."""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
 
 
 def run_nodes(
@@ -71,7 +53,7 @@ def run_nodes(
     process's.
     """
     argv = sys.argv if argv is None else argv
-    shutdown = Shutdown()
+    interrupt = Interrupt()
     try:
         _initialize(program, argv, [name for name in creators if name != program])
     except (TrunkError, RuntimeError, ValueError) as error:
@@ -91,20 +73,20 @@ def run_nodes(
     except Exception as error:  # a defect of ours
         _fail(nodes, error)
         _end(nodes, LoopExecutor())
-        shutdown.ended()
+        interrupt.ignore()
         return EXIT_FAILED
     executor = LoopExecutor(lambda: min(node.linger_s for node in nodes))
     for node in nodes:
         executor.add_node(node)
     try:
-        while not shutdown.requested and all(node.exit_code is None for node in nodes):
+        while not interrupt.name and all(node.exit_code is None for node in nodes):
             executor.spin_once(timeout_sec=0.1)
     except ExternalShutdownException:
         pass
     except Exception as error:  # a defect of ours
         _fail(nodes, error)
     _end(nodes, executor)
-    shutdown.ended()
+    interrupt.ignore()
     return max(node.exit_code or (EXIT_FAILED if node.unfinished else 0) for node in nodes)
 
 
@@ -115,7 +97,7 @@ def run_beside(
 
     Return the process's exit code, as `run_nodes` does.
     """
-    shutdown = Shutdown()
+    interrupt = Interrupt()
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
         try:
@@ -127,10 +109,10 @@ def run_beside(
             return _say(program, error, getattr(error, "exit_code", EXIT_USAGE))
         executor = LoopExecutor()
         executor.add_node(node)
-        while not shutdown.requested:
+        while not interrupt.name:
             turn(node, executor)
         executor.shutdown()
-    shutdown.ended()
+    interrupt.ignore()
     return 0
 
 
