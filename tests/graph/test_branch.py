@@ -131,7 +131,7 @@ def test_a_branch_may_begin_before_somebody_elses_disturbances(
     verdict = verdict_on(run)
     assert verdict.exit_code == VERIFIED, verdict.reasons
     # What acted is on record. What that node should have said is not, and the verdict tells so.
-    assert "disturbance: 1 messages of somebody else's node" in verdict.unjudged
+    assert "disturbance: 1 messages of external nodes" in verdict.unjudged
     assert "disturbances" not in {check.name for check in verdict.checks}
     states = run.count(topics.GROUND_TRUTH)
     assert [check.steps for check in verdict.checks if "plant" in check.name] == [states, states]

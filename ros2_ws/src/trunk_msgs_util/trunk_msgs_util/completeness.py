@@ -232,7 +232,7 @@ class _Key(NamedTuple):
     """A message: the stamp first, so that older ones compare as smaller."""
 
     stamp_ns: int
-    source: str  # empty: somebody else's
+    source: str  # empty: an external node's
 
 
 class _Topic:

@@ -29,7 +29,7 @@ class ComparedRun(NamedTuple):
     name: str
     file: Annotated[Path, "The recording"]
     doubts: Doubts
-    branch: Annotated[BranchOf | None, "Whose branch the run is; null if it is nobody's"]
+    branch: Annotated[BranchOf | None, "The run that it is a branch of; null: it is none"]
 
 
 class ComparedMetric(NamedTuple):

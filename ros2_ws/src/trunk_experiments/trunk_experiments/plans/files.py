@@ -49,7 +49,7 @@ def settings_of(texts: Iterable[str]) -> Mapping[str, object]:
 
 
 def checked_external(name: str) -> str:
-    """Return the name that a run with somebody else's controller goes by. Raises PlanError."""
+    """Return the name that a run with an external controller goes by. Raises PlanError."""
     if name and not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,99}", name):
         raise PlanError(
             f"--external {name!r} is not allowed: letters, digits and _, no digit first, such as my_pd"

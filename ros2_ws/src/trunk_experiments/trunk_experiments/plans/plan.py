@@ -176,7 +176,7 @@ class RunPlan:
     # Somebody else's node gives the commands; the run goes by this name, or the node's own. None: ours do.
     external: str | None = None
     reference: ReferenceConfig | None = (
-        None  # published for that node; None: by somebody else, or not
+        None  # published for that node; None: by another node, or not at all
     )
     inputs: GivenInputs | None = None  # None: every message acts on its own state
     disturbed_ns: int = 0  # the stamp of the disturbance's first message
@@ -259,8 +259,8 @@ def make_plan(
     ``namespace``: of all nodes, empty or "/name"; relative node names in the files belong to it.
     ``swaps``: who takes over when; they set every controller's ``active.times``.
     ``below``: values for all nodes that declare them, where nothing else sets them.
-    ``standby``: controllers that are started too, and act when somebody configures and activates them.
-    ``external``: instead of a controller of ours, somebody else's node gives the commands; the run goes by
+    ``standby``: controllers that are started too, and act once they are configured and activated.
+    ``external``: instead of a controller of ours, an external node gives the commands; the run goes by
     this name, or, if empty, by the node's own.
     ``pushes``: pulses on top of the disturbances, as `pushes.parse_push` reads them.
     ``quiet``: the disturbance stays in the plan even if it does nothing, for those who change its values.

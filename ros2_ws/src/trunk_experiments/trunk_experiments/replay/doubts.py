@@ -66,7 +66,7 @@ class Doubts:
     fell: Annotated[float | None, "Of the first fall, simulated s; null: none is recorded"] = None
     fell_angle_deg: float | None = None
     beyond_90: Annotated[Beyond | None, "A run without a fall that ends beyond 90 degrees"] = None
-    silent: Annotated[str | None, "That nobody's command held the trunk, or none at its end"] = None
+    silent: Annotated[str | None, "That no command held the trunk, or none at its end"] = None
     unsound: Annotated[
         tuple[str, ...], "Stamps that cannot be right, pulses that never acted: a line each"
     ] = ()
@@ -80,7 +80,7 @@ class Doubts:
     judged: Annotated[Word | None, "The verdict, where this verb recomputed the run; else null"] = (
         None
     )
-    external: Annotated[bool, OMITTED] = False  # somebody else's node gave the commands
+    external: Annotated[bool, OMITTED] = False  # an external node gave the commands
 
     def __bool__(self) -> bool:
         fell = self.fell is not None or self.beyond_90 is not None

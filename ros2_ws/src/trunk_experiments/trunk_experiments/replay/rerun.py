@@ -550,7 +550,7 @@ class Rerun:
                 self._note_turns(window.stamps, mine & known & ~acts, active)
         if not self._partial and self.answers:
             odd = given & (active & (active - 1) != 0)
-            if not self.run.external:  # then somebody else gave it
+            if not self.run.external:  # then that one gave it
                 odd |= given & (active == 0)
             self._note_turns(window.stamps, odd, active)
 

@@ -243,7 +243,7 @@ def _judge_robot(run: RecordedRun, verdict: Verdict) -> None:
 
 
 def _taken(run: RecordedRun, rerun: Rerun) -> Check:
-    """Return a check that takes the commands of somebody else's node as they are: its law is not known."""
+    """Return a check that takes an external node's commands as they are: its law is not known."""
     check = Check(f"commands of {run.external}", taken=True)
     if not len(rerun.stamps):
         return check
@@ -372,13 +372,13 @@ def _disorder(relative: str, stamps: Integers) -> list[str]:
 
 
 def _strangers(run: RecordedRun, relative: str) -> list[str]:
-    """Return, for a topic of a real-time run, that nodes of somebody else's published on it."""
+    """Return, for a topic of a real-time run, that external nodes published on it."""
     if not run.real_time:
         return []
     table = run.table(relative)
     strange = [i for i, frame in enumerate(table.frames) if not run.is_ours(relative, frame)]
     count = int(np.isin(table.frame, strange).sum())
-    return [f"{relative}: {count} messages of somebody else's node"] if count else []
+    return [f"{relative}: {count} messages of external nodes"] if count else []
 
 
 def _unjudged(run: RecordedRun) -> list[str]:

@@ -252,7 +252,7 @@ def _events(run: RecordedRun) -> list[tuple[float, str]]:
 def _words(event: RunEvent) -> str:
     values = {name: value for name, value in event.values.items() if name != "process"}
     if event.message == Event.FELL:
-        with suppress(ValueError):  # somebody else's words
+        with suppress(ValueError):  # words of an external node
             values = {name: f"{degrees(float(value)):.4g}°" for name, value in values.items()}
     more = ", ".join(f"{name} {value}" for name, value in values.items())
     return f"{event.message} ({more})" if more else event.message
