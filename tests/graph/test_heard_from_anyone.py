@@ -5,7 +5,7 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -85,13 +85,17 @@ def test_every_message_is_recorded_once(
 
 @pytest.mark.virtual
 @pytest.mark.usefixtures("patient")
+@pytest.mark.parametrize(
+    "profile",
+    # Deep: a recorder that is held up still gets all of them.
+    [QoSProfile(depth=qos.EVIDENCE_DEPTH), qos.evidence()],
+    ids=["volatile", "latched"],
+)
 def test_another_node_that_repeats_our_messages_adds_none(
-    children: Children, peer: Peer, tmp_path: Path
+    children: Children, peer: Peer, tmp_path: Path, profile: QoSProfile
 ) -> None:
     """Each copy has the bytes of the original, with its source, and, from the first one on, its number."""
     copies: list[JointState] = []
-    # Deep: a recorder that is held up still gets all of them. Volatile: it does not hear itself.
-    profile = QoSProfile(depth=qos.EVIDENCE_DEPTH)
     publisher = peer.node.create_publisher(JointState, topics.DISTURBANCE, profile)
 
     def repeat(message: JointState) -> None:
@@ -100,6 +104,8 @@ def test_another_node_that_repeats_our_messages_adds_none(
 
     recorder = children.node("recorder", "output:=run.mcap")
     peer.until(publisher.get_subscription_count, "the recorder listens")
+    kept = topics.evidence(topics.DISTURBANCE)
+    peer.node.create_subscription(JointState, kept, repeat, qos.evidence())
     simulator = children.node(
         "simulator", "duration:=0.0", "wait_for:=[disturbance]", "autostart:=false"
     )
@@ -109,8 +115,6 @@ def test_another_node_that_repeats_our_messages_adds_none(
     disturbance = children.node("disturbance")
     peer.until_event("disturbance", Event.READY)
     assert life.change("activate")
-    peer.until_recorded(300)  # it knows the source now; all are repeated
-    peer.node.create_subscription(JointState, topics.DISTURBANCE, repeat, qos.evidence())
     peer.until(lambda: len(copies) > 200, "it is repeated")
     assert [simulator.stop(), disturbance.stop()] == [0, 0]
     (told,) = peer.until(
@@ -193,12 +197,15 @@ def test_a_publisher_of_another_type_is_named(
 
 
 @pytest.mark.virtual
-def test_a_late_viewer_that_asks_for_no_past_sees_only_the_present(
+def test_a_late_viewer_of_a_live_topic_sees_only_the_present(
     children: Children, peer: Peer
 ) -> None:
+    """Tools request the QoS that is offered: the past only where it is kept, on no topic they look at."""
     simulator = children.node("simulator", "duration:=0.0", "wait_for:=[]")
     kept = peer.hear(topics.GROUND_TRUTH)
     peer.until(lambda: len(kept) > 100, "half a second is past")
+    offered = peer.node.get_publishers_info_by_topic(topics.GROUND_TRUTH)
+    assert [found.qos_profile.durability for found in offered] == [DurabilityPolicy.VOLATILE]
     seen = peer.hear_live(topics.GROUND_TRUTH)
     peer.until(lambda: seen, "a state comes")
     assert stamp_from_ros(seen[0].header.stamp) >= stamp_from_ros(kept[100].header.stamp)
@@ -246,8 +253,8 @@ def test_commands_of_another_controller_that_come_late_hold_nothing_up(
     recorder = children.node("recorder", "output:=run.mcap", "lockstep.enabled:=true")
     told: list[JointState] = []
     peer.node.create_subscription(JointState, topics.RECORDER_PROGRESS, told.append, qos.latest())
-    command = peer.speaker(topics.EFFORT_COMMAND)
-    states = [peer.speaker(topic) for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES)]
+    command = peer.speaker(topics.evidence(topics.EFFORT_COMMAND))
+    states = [peer.speaker(topics.evidence(t)) for t in (topics.GROUND_TRUTH, topics.JOINT_STATES)]
 
     def told_ns() -> int:
         return stamp_from_ros(told[-1].header.stamp) if told else -1
