@@ -32,7 +32,7 @@ class ForeignNode(Node):
             QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT) if best else reliable,
         )
         asked = QoSProfile(depth=100)
-        if fault == "asks_for_the_past":
+        if fault == "durability":
             asked.durability = DurabilityPolicy.TRANSIENT_LOCAL
         elif fault == "deadline":
             asked.deadline = Duration(seconds=0.05)

@@ -98,9 +98,9 @@ class Peer:
             self._listen(kind, f"{namespace}/{topic}", callback, qos.run_information())
 
     def hear(self, topic: str) -> list[JointState]:
-        """Return a list that fills with all that is kept on a topic, past messages too."""
+        """Return a list that fills with all that our nodes publish on a topic, past ones too."""
         heard: list[JointState] = []
-        self._listen(JointState, topic, heard.append, qos.evidence())
+        self._listen(JointState, topics.evidence(topic), heard.append, qos.evidence())
         return heard
 
     def hear_live(self, topic: str) -> list[JointState]:

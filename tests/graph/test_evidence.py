@@ -71,7 +71,7 @@ def test_what_was_published_and_not_recorded_is_named(
 
 
 def test_a_recorder_that_comes_seconds_late_gets_all(peer: Peer) -> None:
-    publisher = peer.node.create_publisher(JointState, "a", qos.evidence())
+    publisher = peer.node.create_publisher(JointState, topics.evidence("a"), qos.evidence())
     stamps_ns = [1_000_000 * k for k in range(2000)]  # of two seconds at a kilohertz
     for stamp_ns in stamps_ns:
         publisher.publish(sample_to_ros(JointSample(stamp_ns, ("trunk",))))

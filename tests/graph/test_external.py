@@ -110,7 +110,6 @@ def test_an_example_in_lockstep_has_the_bits_of_the_same_law(
         ("hip", "REFUSED", "commands without the joint: their names are ['hip']", False),
         ("best_effort", "", "", True),
         pytest.param("copies_the_header", "", "", True, marks=pytest.mark.one_in(8)),
-        pytest.param("asks_for_the_past", "", "", True, marks=pytest.mark.one_in(8)),
     ],
 )
 def test_in_real_time_each_habit_is_named(
@@ -141,15 +140,18 @@ def test_in_real_time_each_habit_is_named(
     assert verdict.exit_code == (VERIFIED if acts and not lost else UNJUDGED), verdict.reasons
 
 
-def test_a_node_that_hears_nothing_is_silent_and_its_policy_named(children: Children) -> None:
-    node = foreign(children, "/=deadline")
+@pytest.mark.parametrize("policy", ["durability", "deadline"])
+def test_a_node_that_hears_nothing_is_silent_and_its_policy_named(
+    children: Children, policy: str
+) -> None:
+    node = foreign(children, f"/={policy}")
     words = ("run", "fig6", "--composed", "--duration", 1, "--external", "mine", "--output", "run")
     run = children.trunk(*words)
     assert run.wait() == 2, run.stdout + run.stderr
     assert run.stdout.startswith("SILENT: no command from mine was in force (0 of 1000 steps)\n"), (
         run.stdout
     )
-    fault = "/foreign_pd subscribes to /joint_states with a deadline that does not fit"
+    fault = f"/foreign_pd subscribes to /joint_states with a {policy} that does not fit"
     assert fault in run.stderr
     assert fault in run.stdout  # REFUSED
     for verb in ("info", "verify", "metrics"):

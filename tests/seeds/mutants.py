@@ -34,7 +34,7 @@ MUTANTS = (
     Mutant("no word of the end", _SIM + "simulator_node.py",
         'self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")', "pass"),
     Mutant("every seventh message is not kept", _NODE + "replayable.py",
-        "self._publish(data)", "self.count % 7 == 6 or self._publish(data)"),
+        "self._publish_kept(data)", "self.count % 7 == 6 or self._publish_kept(data)"),
     Mutant("a missed count", _NODE + "replayable.py", "self.count += 1", "self.count += self.count != 3"),
     Mutant("commands of an inactive controller", _CONTROL + "controller_node.py",
         "        if not output.active:\n            return\n", ""),

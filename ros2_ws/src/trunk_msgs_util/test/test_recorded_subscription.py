@@ -27,44 +27,52 @@ def message(k, frame=""):
 
 
 class Topic:
-    """What is taken of a topic on which nodes of other projects may publish, too."""
+    """A topic with strangers on it, and what was taken of it."""
 
     def __init__(self):
         self.taken, self.warned = [], []
         node = SimpleNamespace(
+            resolve_topic_name=lambda name: f"/{name}",
             create_subscription=lambda *_, **__: SimpleNamespace(get_publisher_count=lambda: 1),
             get_logger=lambda: SimpleNamespace(warning=self.warned.append),
         )
         self.heard = RecordedSubscription(node, "a", JOINT_STATE_TYPE, None, self.taken.append)
         self._times = iter(range(10**9))
 
-    def hear(self, number, data, *kinds):
-        """A message arrives with every subscription that these kinds name."""
-        info = {"publication_sequence_number": number, "source_timestamp": next(self._times)}
+    def strangers(self, *kinds):
         for kind in kinds:
-            self.heard._on_message(data, info, kind)
+            self.heard._hear_passing(kind)
+
+    def kept(self, number, data):
+        self.heard._on_kept(data, {"publication_sequence_number": number})
+
+    def passing(self, number, data, kind=PLAIN, time=None):
+        time = next(self._times) if time is None else -1 - time
+        info = {"publication_sequence_number": number, "source_timestamp": time}
+        self.heard._on_passing(data, info, kind)
 
 
 @given(st.data(), st.sampled_from(["", PID]))
-def test_our_nodes_messages_are_taken_once_in_any_order_of_their_subscriptions(data, frame):
-    """Each subscription keeps their order; equal messages, as of an operator at rest, are several."""
+def test_our_nodes_messages_are_taken_once_in_any_order_of_their_copies(data, frame):
+    """Copies on one topic keep their order; equal messages, as of an operator at rest, are several."""
     topic = Topic()
+    topic.strangers(PLAIN)
     sent = [message(k // data.draw(st.integers(1, 3)), frame) for k in range(12)]
-    arriving = {kind: iter(enumerate(sent, 1)) for kind in (LATCHED, PLAIN)}
-    for kind in data.draw(st.permutations([LATCHED] * 12 + [PLAIN] * 12)):
-        number, told = next(arriving[kind])
-        info = {"publication_sequence_number": number, "source_timestamp": number}
-        topic.heard._on_message(told, info, kind)
+    copies = {True: iter(enumerate(sent, 1)), False: iter(enumerate(sent, 1))}
+    for kept in data.draw(st.permutations([True] * 12 + [False] * 12)):
+        (topic.kept if kept else topic.passing)(*next(copies[kept]))
     assert sorted(topic.taken) == sorted(sent)
 
 
 @pytest.mark.parametrize("frame", ["", "base_link"])
 def test_strangers_are_heard_beside_our_nodes(frame):
     topic = Topic()
+    topic.strangers(PLAIN, LOSSY)
     for k in range(3):
-        topic.hear(k + 1, message(k, PID), LATCHED, PLAIN)
-        topic.hear(k + 1, message(k, frame), PLAIN)
-        topic.hear(k + 1, message(k, frame), PLAIN)  # another stranger, the same content
+        topic.kept(k + 1, message(k, PID))
+        topic.passing(k + 1, message(k, PID))
+        topic.passing(k + 1, message(k, frame))
+        topic.passing(k + 1, message(k, frame))  # another stranger, the same content
     assert [data for data in topic.taken if PID.encode() not in data] == [
         message(k // 2, frame) for k in range(6)
     ]
@@ -74,17 +82,25 @@ def test_strangers_are_heard_beside_our_nodes(frame):
 @pytest.mark.parametrize("frame", ["", PID])
 def test_a_message_that_several_subscriptions_hear_is_taken_once(frame):
     topic = Topic()
+    topic.strangers(PLAIN, LOSSY, LATCHED)
     for k in range(4):
-        topic.hear(k + 1, message(k, frame), PLAIN, LATCHED, LOSSY)
+        for kind in (PLAIN, LATCHED, LOSSY):
+            topic.passing(k + 1, message(k, frame), kind, time=k)
     assert topic.taken == [message(k, frame) for k in range(4)]
 
 
-@pytest.mark.parametrize("kind", [PLAIN, LOSSY])
-def test_a_copy_that_somebody_makes_of_our_messages_is_not_taken_again(kind):
+@pytest.mark.parametrize("before", [0, 1, 2])
+def test_a_copy_that_somebody_makes_of_our_messages_is_not_taken_again(before):
+    """Also if it arrives with the live one ``before`` the first message that is kept."""
     topic = Topic()
-    for k in range(2):
-        topic.hear(k + 1, message(k, PID), LATCHED)
-        topic.hear(k + 1, message(k, PID), kind)
+    topic.strangers(PLAIN)
+    for _ in range(before):  # the live copy, and somebody's
+        topic.passing(1, message(0, PID))
+    topic.kept(1, message(0, PID))
+    for _ in range(2 - before):
+        topic.passing(1, message(0, PID))
+    topic.passing(2, message(1, PID))
+    topic.kept(2, message(1, PID))
     assert topic.taken == [message(0, PID), message(1, PID)]
 
 
@@ -92,20 +108,25 @@ def test_a_copy_that_somebody_makes_of_our_messages_is_not_taken_again(kind):
 def test_a_recording_that_is_played_is_heard(times):
     """Its messages name a source that keeps nothing here."""
     topic = Topic()
-    topic.hear(1, message(0, PID), LATCHED)
+    topic.strangers(PLAIN)
+    topic.kept(1, message(0, PID))
     played = [message(k, "pid@boot.0.0") for k in range(3)]
     for _ in range(times):
         for k in range(3):
-            topic.hear(k + 1, played[k], PLAIN)
+            topic.passing(k + 1, played[k])
     assert topic.taken[1:] == played * times
 
 
-def test_it_remembers_so_many_messages_and_no_more(monkeypatch):
+def test_it_remembers_so_many_copies_and_no_more(monkeypatch):
     monkeypatch.setattr(recorder_node, "_REMEMBERED", 10)
     topic = Topic()
+    topic.strangers(PLAIN)
     for k in range(100):
-        topic.hear(k + 1, message(k), LATCHED)
-    assert len(topic.heard._taken) == 10
+        topic.kept(k + 1, message(k))
+        topic.passing(1000 + k, message(k))
+    for remembered in (topic.heard._kept_alone._counts, topic.heard._live_alone._counts):
+        assert len(remembered) == 10
+    assert len(topic.heard._passed) == 10
 
 
 def test_who_publishes_another_type_is_named_once():

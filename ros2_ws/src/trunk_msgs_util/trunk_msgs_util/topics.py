@@ -54,6 +54,15 @@ BARE_NODE = "_CREATED_BY_BARE_DDS_APP_"
 INPUT_NAMES = ("command", "hip_force", "trunk_torque", "hip_offset", "trunk_offset")
 
 
+def evidence(topic: str) -> str:
+    """Return the topic of the recorder's copies of a topic of our nodes, past messages included.
+
+    ROS 2's tools hide names with a part that begins with an underscore.
+    """
+    folder, _, name = topic.rpartition("/")
+    return f"{folder}/_{name}" if "/" in topic else f"_{name}"
+
+
 def controller_state(controller: str) -> str:
     """Return the topic of a controller node's ``~/state``."""
     return f"{controller}/state"

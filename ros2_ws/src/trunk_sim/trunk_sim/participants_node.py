@@ -250,9 +250,11 @@ class GraphParticipants(Participants):
         return now - self._heard_since_s < _HEARD_S and now - self._strange_since_s < _UNHEARD_S
 
     def _answering(self, topic: str) -> list[TopicEndpointInfo]:
-        """Return the endpoints of those who answer on a topic; a recorder tells its progress."""
-        answers = topics.RECORDER_PROGRESS if topic == "recorder" else topic
-        return self._node.get_publishers_info_by_topic(answers)
+        """Return the endpoints of those who answer on a topic; a recorder subscribes to the evidence."""
+        if topic == "recorder":
+            states = self._node.resolve_topic_name(topics.GROUND_TRUTH)
+            return discovery.recorders(self._node, states)
+        return self._node.get_publishers_info_by_topic(topic)
 
     def _answering_count(self, topic: str) -> int:
         """Return how many of them are matched with this node."""

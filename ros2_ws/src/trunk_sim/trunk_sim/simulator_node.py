@@ -65,7 +65,7 @@ class PlantOutputs:
         self._measured = node.create_replayable(topics.JOINT_STATES)
         self._inputs = None  # in lock-step they follow from the messages
         if not config.lockstep:
-            self._inputs = node.create_replayable(topics.PLANT_INPUTS)
+            self._inputs = node.create_replayable(topics.PLANT_INPUTS, live=False)
         self._inputs_until_ns = -1
         self._clock = (
             node.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
@@ -168,7 +168,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
                 self, topics.REFERENCE, self._on_reference
             )
         self._participants = GraphParticipants(self, config, answers)
-        if "recorder" in config.wait_for:  # in real time it says nothing there, but is met there
+        if config.lockstep and "recorder" in config.wait_for:
             self.create_subscription(
                 JointState,
                 topics.RECORDER_PROGRESS,

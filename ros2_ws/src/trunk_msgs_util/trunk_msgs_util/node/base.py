@@ -186,9 +186,12 @@ class TrunkNode(ManagedNode, Generic[Config]):
         )
         return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
 
-    def create_replayable(self, topic: str) -> replayable.ReplayablePublisher:
-        """Create a publisher of serialized JointState messages that the recorder must not miss."""
-        self._replayable.append(replayable.ReplayablePublisher(self, topic))
+    def create_replayable(self, topic: str, live: bool = True) -> replayable.ReplayablePublisher:
+        """Create a publisher of serialized JointState messages that the recorder must not miss.
+
+        Unless they are ``live``, the recorder alone hears them.
+        """
+        self._replayable.append(replayable.ReplayablePublisher(self, topic, live))
         return self._replayable[-1]
 
     def event(self, message: Event, level: int = LEVEL_OK, **values: object) -> None:

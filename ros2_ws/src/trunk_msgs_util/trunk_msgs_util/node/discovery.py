@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from .. import topics
@@ -58,12 +58,12 @@ def listeners(node: Node, topic: str) -> set[str]:
     return known(node.get_subscriptions_info_by_topic(topic))
 
 
-def late_listeners(node: Node, topic: str) -> set[str]:
-    """Return the nodes that also ask for a topic's past: recorders among them; names may be unknown yet."""
-    endpoints = node.get_subscriptions_info_by_topic(topic)
-    return set(
-        names(e for e in endpoints if e.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
-    )
+def recorders(node: Node, topic: str) -> list[TopicEndpointInfo]:
+    """Return the subscriptions to the evidence that this node publishes on a topic, fully qualified.
+
+    Only a recorder subscribes to it.
+    """
+    return node.get_subscriptions_info_by_topic(topics.evidence(topic))
 
 
 def reporting(node: Node, endpoints: Sequence[TopicEndpointInfo]) -> set[str]:

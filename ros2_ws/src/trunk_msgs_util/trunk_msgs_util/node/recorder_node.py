@@ -76,27 +76,50 @@ _LINGER_BESIDE_STRANGERS_S, _TELL_STRANGERS_S = 0.003, 0.003
 Info: TypeAlias = Mapping[str, Any]  # what the middleware reports about a message
 Kind: TypeAlias = tuple[ReliabilityPolicy, DurabilityPolicy]
 
-_KEPT: Kind = (ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
 # Twice what a publisher of evidence keeps: one that is matched late delivers all of it at once.
 _REMEMBERED = 2 * qos.EVIDENCE_DEPTH
-# A publisher of another type whose node is still unknown after this many looks is named as discovery does.
+# A publisher whose node is still unknown after this many looks counts as external.
 _UNNAMED_LOOKS = 20
 
 _SUFFIX = ".mcap"
 
 
+class _Remembered:
+    """Counts messages whose other copy is still to come, the newest ones."""
+
+    def __init__(self) -> None:
+        self._counts: OrderedDict[Hashable, int] = OrderedDict()
+
+    def add(self, key: Hashable) -> None:
+        """Note one more."""
+        self._counts[key] = self._counts.get(key, 0) + 1
+        if len(self._counts) > _REMEMBERED:
+            self._counts.popitem(last=False)
+
+    def take(self, key: Hashable) -> bool:
+        """Return True if there is one, which is then done."""
+        count = self._counts.pop(key, 0)
+        if count > 1:
+            self._counts[key] = count - 1
+        return count > 0
+
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._counts
+
+
 class RecordedSubscription:
     """Each message of a topic once, from any publisher, whatever its quality of service.
 
-    DDS matches a subscription only with publishers that offer at least what it requests. This project's
-    nodes keep what they publish for a recorder that joins late (`qos.evidence`); rclpy and `ros2 topic pub`
-    are volatile by default, and a sensor is often best effort. No single subscription serves all of them:
-    one that requests past messages does not match volatile publishers, one that does not misses the past.
-    So there is one more for each kind that some publisher offers, just as rosbag2 adapts to what is offered.
-    A message that several subscriptions receive has the same time and number in each, and is taken once.
+    DDS matches a subscription only with publishers that offer at least what it requests. Our nodes keep
+    what they publish for a recorder that joins late, on a separate topic (`topics.evidence`). Others
+    publish only on the live topic: rclpy and `ros2 topic pub` are volatile by default, and a sensor is
+    often best effort. No single subscription serves all of them: one that requests past messages does not
+    match volatile publishers, one that does not misses the past. So there is one more for each kind that
+    some other publisher offers, just as rosbag2 adapts to what is offered. A message that several
+    subscriptions receive has the same time and number in each, and is taken once.
 
-    In real time this project's nodes name their source in each message: one that the first subscription
-    hears is not taken from the others, where some other node may repeat its messages.
+    Such a subscription also hears our nodes' live copies. They have the number and the bytes of the kept
+    ones; in real time they also name their source, and one whose messages are kept is not heard there.
 
     ``other_types`` has the nodes that publish something else there.
     """
@@ -116,33 +139,40 @@ class RecordedSubscription:
         self._message_type = message_type
         self._take = take
         self.other_types: dict[str, str] = {}
-        self.by_strangers = False  # do nodes of other projects publish there, too?
         self._sources: set[str] = set()  # of messages that are kept
-        self._taken: OrderedDict[Hashable, None] = OrderedDict()
-        self._subscriptions: dict[Kind, Subscription] = {}
+        self._passed: OrderedDict[Hashable, None] = OrderedDict()
+        # Our nodes publish each message twice: here are those taken once, whose other copy is still to come.
+        self._kept_alone = _Remembered()
+        self._live_alone = _Remembered()
+        self._passing: dict[Kind, Subscription] = {}
         self._looked_at = (0, 0)
         self._unnamed_looks = 0
-        self._kept = self._subscribe(_KEPT)
+        self._read = WireReader()
+        self._kept_topic = topics.evidence(node.resolve_topic_name(topic))
+        self._kept = self._subscribe(self._kept_topic, qos.evidence(), self._on_kept)
 
-    def _subscribe(self, kind: Kind) -> Subscription:
-        def on_message(data: bytes, info: Info) -> None:
-            self._on_message(data, info, kind)
-
-        take: Callable[..., None] = on_message  # rclpy's types know no information
-        self._subscriptions[kind] = self._node.create_subscription(
+    def _subscribe(
+        self, topic: str, profile: QoSProfile, on_message: Callable[..., None]
+    ) -> Subscription:
+        return self._node.create_subscription(
             self._message_type,
-            self._topic,
-            take,
-            QoSProfile(depth=qos.EVIDENCE_DEPTH, reliability=kind[0], durability=kind[1]),
+            topic,
+            on_message,
+            profile,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=lambda _: self.look()),
         )
-        return self._subscriptions[kind]
 
     @property
     def publisher_count(self) -> int:
         """The number of matched publishers of the subscription that has most."""
-        return max(heard.get_publisher_count() for heard in self._subscriptions.values())
+        subscriptions = (self._kept, *self._passing.values())
+        return max(subscription.get_publisher_count() for subscription in subscriptions)
+
+    @property
+    def by_strangers(self) -> bool:
+        """True if nodes that keep no evidence publish there, too."""
+        return bool(self._passing)
 
     def look(self) -> None:
         """Subscribe once more for a publisher that no subscription receives; cheap if none is new."""
@@ -150,38 +180,78 @@ class RecordedSubscription:
         if counts == self._looked_at:
             return
         self._looked_at = counts
-        endpoints = self._node.get_publishers_info_by_topic(self._topic)
-        reporting = discovery.reporting(self._node, endpoints)
-        for name, endpoint in zip(discovery.names(endpoints), endpoints, strict=True):
-            self.by_strangers |= name not in reporting
-            if endpoint.topic_type == self._type_name:
-                if (kind := _kind(endpoint)) not in self._subscriptions:
-                    self._subscribe(kind)
-            elif name.endswith(topics.UNKNOWN_NODE) and self._unnamed_looks < _UNNAMED_LOOKS:
+        keep = discovery.publishers(self._node, self._kept_topic)
+        for endpoint in self._node.get_publishers_info_by_topic(self._topic):
+            name = discovery.names([endpoint])[0]
+            if name in keep:
+                continue
+            if name.endswith(topics.UNKNOWN_NODE) and self._unnamed_looks < _UNNAMED_LOOKS:
                 self._unnamed_looks += 1
                 self._looked_at = (-1, -1)  # look again
-            else:
+            elif endpoint.topic_type != self._type_name:
                 self._note_type(name, endpoint.topic_type)
+            else:
+                self._hear_passing(_kind(endpoint))
 
     def _note_type(self, node: str, type_name: str) -> None:
         if node not in self.other_types:
             self.other_types[node] = type_name
             self._node.get_logger().warning(f"nobody receives it: {self.of_other_types()[-1]}")
 
-    def _on_message(self, data: bytes, info: Info, kind: Kind) -> None:
-        """Take a message, unless another subscription has received it, too."""
-        if source := source_in(frame_in(data)):
-            if kind == _KEPT:
-                self._sources.add(source)
-            elif source in self._sources:
-                return
-        sample = hash((info["source_timestamp"], info["publication_sequence_number"], data))
-        if sample in self._taken:
+    def _hear_passing(self, kind: Kind) -> None:
+        if kind in self._passing:
             return
-        self._taken[sample] = None
-        if len(self._taken) > _REMEMBERED:
-            self._taken.popitem(last=False)
+
+        def on_message(data: bytes, info: Info) -> None:
+            self._on_passing(data, info, kind)
+
+        profile = QoSProfile(depth=qos.EVIDENCE_DEPTH, reliability=kind[0], durability=kind[1])
+        self._passing[kind] = self._subscribe(self._topic, profile, on_message)
+
+    def _on_kept(self, data: bytes, info: Info) -> None:
+        """Take a message of a node of ours, unless a copy of it was taken."""
+        source = source_in(frame_in(data))
+        if source:  # also for copies that are heard from later on
+            self._sources.add(source)
+        if self._passing:
+            key = self._key(data, info, source)
+            if self._live_alone.take(key):
+                return
+            if not source:
+                self._kept_alone.add(key)
         self._take(data)
+
+    def _on_passing(self, data: bytes, info: Info, kind: Kind) -> None:
+        """Take a message of any publisher that offers as much as this subscription requests.
+
+        A message has the same source time in every subscription that hears it.
+        """
+        source = source_in(frame_in(data))
+        if source in self._sources:
+            return
+        sample = info["source_timestamp"], info["publication_sequence_number"], data
+        if sample in self._passed:
+            return
+        self._passed[sample] = None
+        if len(self._passed) > _REMEMBERED:
+            self._passed.popitem(last=False)
+        # Only volatile ones hear our nodes' live copies; somebody's copy, of any kind, names the source.
+        if source or kind[1] == DurabilityPolicy.VOLATILE:
+            key = self._key(data, info, source)
+            if self._kept_alone.take(key):
+                return
+            # Somebody's copy can overtake the first message that is kept, which names the source.
+            unheard = self._kept.get_publisher_count() > len(self._sources)
+            if source and unheard and key in self._live_alone:
+                return
+            self._live_alone.add(key)
+        self._take(data)
+
+    def _key(self, data: bytes, info: Info, source: str) -> Hashable:
+        """Return what a message has in common with its copies: in somebody's, the padding is arbitrary."""
+        if source:
+            data = sample_to_wire(self._read(data), source)
+        return info["publication_sequence_number"], data
 
     def of_other_types(self) -> list[str]:
         """Return who publishes something else there, which nobody receives, a line each."""
@@ -286,6 +356,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self.unfinished = ""
         self._file = file = open_output(config)
         self._begin(file)
+        self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.latest())
         self._flush_timer = self.every(_FLUSH_S, partial(self._flush, file))
         self._check_timer = self.every(_CHECK_S, partial(self._check, file))
         if config.lockstep:
@@ -359,10 +430,6 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             parameters = {topics.RUN_PARAMETERS: types.pop(topics.RUN_PARAMETERS)}
             for topic, type_name in (types | parameters).items():
                 self._subscribe(topic, type_name)
-            # Who tells its progress is a recorder, to the simulator; one that is inactive is none yet.
-            self._progress = self.create_publisher(
-                JointState, topics.RECORDER_PROGRESS, qos.latest()
-            )
             self._follow_timer = self.every(_FOLLOW_S, self._follow)
             self._ready_timer = self.every(0.02, self._announce)
 
@@ -408,6 +475,9 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self.create_subscription(
                 _MESSAGES[type_name], topic, take, qos.run_information(), raw=True
             )
+        elif topic == topics.PLANT_INPUTS:  # by our simulator alone, for the recorder alone
+            kept = topics.evidence(self.resolve_topic_name(topic))
+            self.create_subscription(_MESSAGES[type_name], kept, take, qos.evidence(), raw=True)
         else:
             self._recorded[topic] = RecordedSubscription(
                 self, topic, type_name, _MESSAGES[type_name], take

@@ -25,24 +25,40 @@ _LOOK_S = 0.01
 
 
 class ReplayablePublisher:
-    """Publishes serialized messages, counts them, and keeps them for a recorder that joins late."""
+    """Publishes serialized messages twice, and counts them: live for the loop, and kept for the recorder.
 
-    def __init__(self, node: Node, topic: str) -> None:
-        publisher = node.create_publisher(JointState, topic, qos.evidence())
-        self.topic = publisher.topic_name
+    The live topic has only the present; `topics.evidence` names the topic that also has the past. What the
+    loop does not need goes to the recorder alone.
+    """
+
+    def __init__(self, node: Node, topic: str, live: bool = True) -> None:
+        self._node = node
+        self.topic = node.resolve_topic_name(topic)
         # A recorder hears these from its beginning; it looks for others.
         self.named = topic in topics.evidence_types((), topics.REAL_TIME)
+        # DDS announces them in this order: a recorder finds the live one last, and knows that it is ours.
+        self._kept = node.create_publisher(JointState, topics.evidence(self.topic), qos.evidence())
         # Bypasses rclpy's check of the message's type, a third of the cost of publishing.
-        self._publish: Callable[[bytes], None] = publisher.handle.publish_raw
+        self._publish_live: Callable[[bytes], None] | None = None
+        if live:
+            self._live = node.create_publisher(JointState, topic, qos.live())
+            self._publish_live = self._live.handle.publish_raw
+        self._publish_kept = self._kept.handle.publish_raw
         self.count = 0
         self.began_s = -math.inf  # monotonic clock, of the first message
 
     def publish(self, data: bytes) -> None:
-        """Publish a serialized message."""
-        self._publish(data)
+        """Publish a serialized message: first to the loop, which waits for it."""
+        if self._publish_live is not None:
+            self._publish_live(data)
+        self._publish_kept(data)
         self.count += 1
         if self.count == 1:
             self.began_s = time.monotonic()
+
+    def recorders(self) -> set[str]:
+        """Return the nodes that subscribe to it; one whose name is not known yet has discovery's."""
+        return set(discovery.names(discovery.recorders(self._node, self.topic)))
 
 
 def counted(publishers: Sequence[ReplayablePublisher]) -> dict[str, int]:
@@ -68,16 +84,16 @@ def await_acknowledgement(
     known_s += _DISCOVERED_S * patience()
     deadline = time.monotonic() + _ACKNOWLEDGED_S * patience()
     while published and time.monotonic() < deadline:
-        heard = [(p.named, discovery.late_listeners(node, p.topic)) for p in published]
-        hearing = set().union(*(nodes for _, nodes in heard))
+        heard = [(publisher.named, publisher.recorders()) for publisher in published]
+        recorders = set().union(*(nodes for _, nodes in heard))
+        # Others than recorders hear some of it only.
+        of_all = recorders.intersection(*(nodes for named, nodes in heard if named))
+        sought = all(of_all <= nodes for _, nodes in heard)
         # DDS announces a participant's subscriptions in the order of their creation; of those for named
         # topics, the recorder creates the one for the run's parameters last.
-        met = hearing & discovery.listeners(node, topics.RUN_PARAMETERS)
-        # Others than recorders hear some of it only.
-        of_all = met.intersection(*(nodes for named, nodes in heard if named))
-        sought = all(of_all <= nodes for _, nodes in heard)
         late = time.monotonic() > known_s  # through a discovery server they may not find all
-        if (met and (sought or late)) or (late and not hearing):
+        met = bool(recorders) and recorders <= discovery.listeners(node, topics.RUN_PARAMETERS)
+        if (met and (sought or late)) or (late and not recorders):
             break
         time.sleep(_LOOK_S)
     for publisher in list(node.publishers):
