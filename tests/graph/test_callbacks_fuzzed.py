@@ -35,9 +35,8 @@ from rclpy.signals import SignalHandlerOptions
 from trunk_control.controller_node import ControllerNode
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
-from trunk_msgs_util.node.base import TrunkNode
+from trunk_msgs_util.node.base import ENDING, TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
-from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.parameters.declarations import Declaration, declarations, values_of
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import LAST_STAMP_NS

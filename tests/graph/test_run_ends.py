@@ -23,8 +23,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
+from trunk_msgs_util.node.base import ENDING
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
-from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.recorder_node import RecorderNode
 from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.samples import JointSample

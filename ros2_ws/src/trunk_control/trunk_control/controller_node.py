@@ -15,9 +15,8 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import discovery, qos
 from trunk_msgs_util.node.adaptive import AdaptiveSubscription
-from trunk_msgs_util.node.base import TrunkNode
+from trunk_msgs_util.node.base import ENDING, TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
-from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.run import run_nodes
 from trunk_msgs_util.samples import JointSample, has_doubled
 from trunk_msgs_util.text import quoted_names

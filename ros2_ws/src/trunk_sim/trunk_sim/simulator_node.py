@@ -14,7 +14,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import discovery, qos
 from trunk_msgs_util.node.adaptive import AdaptiveSubscription
-from trunk_msgs_util.node.base import TrunkNode
+from trunk_msgs_util.node.base import ENDING, TrunkNode
 from trunk_msgs_util.node.conversions import (
     WireReader,
     sample_from_ros,
@@ -22,7 +22,6 @@ from trunk_msgs_util.node.conversions import (
     stamp_to_ros,
 )
 from trunk_msgs_util.node.discovery import Wait
-from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.run import main_for
 from trunk_msgs_util.node.strangers import near_misses
 from trunk_msgs_util.recording.schemas import LEVEL_OK, LEVEL_WARN
