@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING
@@ -388,6 +389,12 @@ def column_units(run: RecordedRun) -> dict[str, str]:
 
 def _stamps(run: RecordedRun, table: RunTable) -> Integers:
     return np.rint(table.t * NANOSECONDS).astype(np.int64) + run.begin_ns
+
+
+def keep_for_metrics(run: RecordedRun) -> None:
+    """Read what metrics and doubts need in one pass; what cannot be read is reported when it is asked for."""
+    with suppress(TrunkError):
+        run.keep_series(RunTable.needed(run, ("reference",)))
 
 
 def table_and_metrics(run: RecordedRun) -> tuple[RunTable, Metrics]:

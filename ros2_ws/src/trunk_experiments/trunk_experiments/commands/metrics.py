@@ -11,7 +11,7 @@ from trunk_msgs_util.errors import RecordingError
 from trunk_msgs_util.files import resolve_path
 
 from ..analysis.metrics import Metrics
-from ..analysis.run_table import recorded_metrics
+from ..analysis.run_table import keep_for_metrics, recorded_metrics
 from ..console.document import json_option, write_json
 from ..console.reading import open_run
 from ..console.tables import print_table
@@ -29,6 +29,7 @@ class MetricsResult(RecordingResult, document="metrics-1"):
 
 def show_metrics(run: RecordedRun, title: str) -> None:
     """Print a run's metrics as a table; warnings, and what makes them doubtful, first."""
+    keep_for_metrics(run)
     doubts = doubts_of(run)
     try:
         measured = recorded_metrics(run)
@@ -52,6 +53,7 @@ def command(run: Path, as_json: bool) -> None:
     """Print a recorded run's metrics."""
     recorded = open_run(run)
     if as_json:
+        keep_for_metrics(recorded)
         show_warnings(recorded.recording.further_warnings)
         write_json(
             MetricsResult(

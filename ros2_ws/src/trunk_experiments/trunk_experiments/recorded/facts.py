@@ -79,16 +79,6 @@ def joints_of(run: RecordedRun) -> tuple[str, str]:
     return joints
 
 
-def true_angles(run: RecordedRun) -> tuple[Integers, Floats]:
-    """Return the stamps of the true states, ns [N], and the trunk's angle in them, rad [N].
-
-    Raises RecordingError as `joints_of`.
-    """
-    column = ("position", joints_of(run)[1])
-    truth = run.series({topics.GROUND_TRUTH: [column]})[topics.GROUND_TRUTH]
-    return truth.stamp_ns, truth.column(*column)
-
-
 def fall_angles(run: RecordedRun, stamps: Integers) -> Floats | None:
     """Return the fall angle in force in each state, rad [N]; None without parameters that say it.
 
@@ -114,7 +104,7 @@ def fall_of(run: RecordedRun) -> Fall | None:
     """
     if not run.count(topics.GROUND_TRUTH) or run.another_robot:
         return None
-    stamps, angles = true_angles(run)
+    stamps, angles = run.angles
     limits = fall_angles(run, stamps)
     if limits is None:
         return None
@@ -148,7 +138,7 @@ def links_of(run: RecordedRun) -> dict[str, str]:
         return {}
     if network is None:
         return {}
-    states = len(true_angles(run)[0]) if run.recording.checked else run.count(topics.GROUND_TRUTH)
+    states = len(run.angles[0]) if run.recording.checked else run.count(topics.GROUND_TRUTH)
     return Traffic(network).counts(states)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
-from trunk_msgs_util.recording.joint_table import QUANTITIES, Column, JointTable
+from trunk_msgs_util.recording.joint_table import QUANTITIES, Column, Floats, Integers, JointTable
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 from trunk_msgs_util.source import source_in
@@ -222,10 +222,11 @@ class RecordedRun:
 
         A law has parameters on record, whether or not its package is installed here.
         """
-        known = set(usable()) & {*self.controllers, *self.parameters}
-        lawful = known or set(self.controllers) & set(self.parameters)
-        plant = "simulator" in self.parameters
-        return self.mode == "offline" and plant and bool(self.controllers) and not lawful
+        told = {*self.controllers} & {*self.parameters}
+        commanded = self.mode == "offline" and bool(self.controllers)
+        if told or not commanded or "simulator" not in self.parameters:
+            return False  # without loading the laws, which metrics do not need
+        return not set(usable()) & {*self.controllers, *self.parameters}
 
     @cached_property
     def judgeable(self) -> Sequence[str]:
@@ -322,6 +323,18 @@ class RecordedRun:
         from .evidence import Evidence, RobotEvidence
 
         return (RobotEvidence if self.another_robot else Evidence)(self)
+
+    @cached_property
+    def angles(self) -> tuple[Integers, Floats]:
+        """The stamps of the true states, ns [N], and the trunk's angle in them, rad [N].
+
+        Raises RecordingError for a run without true states, or whose true states have other joints.
+        """
+        from .facts import joints_of
+
+        column = ("position", joints_of(self)[1])
+        truth = self.series({topics.GROUND_TRUTH: [column]})[topics.GROUND_TRUTH]
+        return truth.stamp_ns, truth.column(*column)
 
     @cached_property
     def fall(self) -> Fall | None:

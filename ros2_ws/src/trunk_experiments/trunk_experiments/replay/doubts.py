@@ -30,7 +30,6 @@ from ..recorded.facts import (
     late_steps,
     not_judged,
     silence_of,
-    true_angles,
 )
 from ..results import OMITTED, Result
 
@@ -268,7 +267,7 @@ def refused(run: RecordedRun) -> Iterator[str]:
 def _beyond(run: RecordedRun) -> Beyond | None:
     """Return the last true angle if it is beyond 90 degrees, and the fall angle in force; else None."""
     try:
-        stamps, angles = true_angles(run)
+        stamps, angles = run.angles
         angle = degrees(float(angles[-1]))
         limits = fall_angles(run, stamps[-1:])
     except (TrunkError, KeyError, IndexError):
