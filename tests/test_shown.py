@@ -243,7 +243,25 @@ def inactive_at_the_end(recorded: Content) -> None:
     number(recorded.messages)
 
 
+def set_to(node: str, name: str, value: Any) -> Forgery:
+    """Return another value of a parameter at the start."""
+
+    def forge(recorded: Content) -> None:
+        message = next(m for m in recorded.of(PARAMETERS) if _node_of(m) == node)
+        told = parse_parameter_event(message[2])
+        kinds = {key: "double array" for key, v in told.new.items() if v == ()}
+        values = {**told.new, name: value}
+        message[2] = parameter_event(told.stamp_ns, told.node, values, {}, kinds, told.source)
+
+    return forge
+
+
 FORGERIES = [
+    ("pushed", set_to("simulator", "fall.angle", 1)),
+    ("offline", set_to("simulator", "fall.stop", True)),
+    ("offline", set_to("simulator", "duration", 0.05)),
+    ("offline", set_to("simulator", "duration", 50.0)),
+    ("pushed", set_to("simulator", "operator.torque", 10.0)),
     ("real_time", ghost("simulator", "max_effort", 1.0)),
     ("real_time", ghost("fuzzy_pid", "gains.p_max", 999.0)),
     ("real_time", ghost("fuzzy_pid", "gains.p_max", 999.0, configured=True)),

@@ -1,6 +1,5 @@
 """Runs over bad links: verified, branched, doubted and counted like runs without."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +11,13 @@ from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.errors import PlanError
 from trunk_experiments.gym.task import make_task
 from trunk_experiments.plans.plan import RunPlan
-from trunk_experiments.recorded.facts import Late, late_steps
+from trunk_experiments.recorded.facts import Late, late_steps, links_of
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.branch import Branch
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.schemas import event
 from trunk_sim.links import Traffic
 
 from ..real_time import record_real_time
@@ -95,39 +93,13 @@ def test_the_last_torque_is_from_the_command_that_the_link_delivers(run: Path) -
     assert table.torque.tolist() == later
 
 
-def test_counts_are_recorded_and_recomputed(run: Path, tmp_path: Path) -> None:
-    found = [one for one in RecordedRun.open(run).events if one.message == Event.PASSED_ON]
-    assert [one.stamp_ns for one in found] == [1_000_000_000]
-    values = found[0].values
-    assert list(values) == ["link.state", "link.command", "sensor.dropout"]
-    assert values["link.state"].startswith("201 sent, ")
-
-    def rewrite(changed: Callable[[dict[str, str]], dict[str, str]]) -> Callable[..., None]:
-        def edit(messages: list[list]) -> None:
-            for message in messages:
-                if b"passed on" in message[2]:
-                    message[2] = event(
-                        1_000_000_000, "/simulator", Event.PASSED_ON, changed(dict(values))
-                    )
-
-        return edit
-
-    same = copied(run, tmp_path / "same.mcap", rewrite(lambda told: told), ANEW)
-    assert verdict_on(RecordedRun(same)).exit_code == VERIFIED
-    fewer = copied(
-        run, tmp_path / "fewer.mcap", rewrite(lambda told: {**told, "sensor.dropout": "3"}), ANEW
-    )
-    verdict = verdict_on(RecordedRun(fewer))
-    assert verdict.exit_code != VERIFIED
-    assert "is not what the links' seed gives" in str([verdict.reasons, verdict.obstacles])
-
-    def leave_out(messages: list[list]) -> None:
-        messages[:] = [m for m in messages if b"passed on" not in m[2]]
-
-    none = copied(run, tmp_path / "none.mcap", leave_out, ANEW)
-    verdict = verdict_on(RecordedRun(none))
-    assert verdict.exit_code != VERIFIED
-    assert "'passed on' 0 times" in str([verdict.reasons, verdict.obstacles])
+def test_counts_are_recorded_and_recomputed(run: Path) -> None:
+    found = RecordedRun.open(run)
+    (told,) = (one for one in found.events if one.message == Event.PASSED_ON)
+    assert told.stamp_ns == 1_000_000_000
+    assert list(told.values) == ["link.state", "link.command", "sensor.dropout"]
+    assert told.values["link.state"].startswith("201 sent, ")
+    assert links_of(found) == told.values
 
 
 def test_an_edited_reading_is_found(run: Path, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import pytest
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
 
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
@@ -59,19 +60,29 @@ def put(messages, row, **efforts):
     "edit",
     [
         lambda m: put(m, 0, torque=29.999999999),
-        lambda m: put(m, 1, torque=-31.0),
-        lambda m: put(m, 1, torque=nan),
-        lambda m: put(m, 0, force=1.0),
         lambda m: put(m, 0, stamp=51_000_000),
         lambda m: put(m, 0, stamp=50_500_000),
         lambda m: m.remove(list(of(m, PUSH))[1]),
         lambda m: [m.remove(one) for one in list(of(m, PUSH))],
     ],
-    ids=["weaker", "stronger", "nan", "force", "later", "between", "one_gone", "both_gone"],
+    ids=["weaker", "later", "between", "one_gone", "both_gone"],
 )
 def test_what_was_altered_diverges(pushed, tmp_path, edit):
     verdict = verdict_of(pushed, tmp_path / "edited.mcap", edit)
     assert verdict.exit_code == DIVERGES, verdict.reasons
+
+
+def test_a_push_that_is_no_number_is_an_obstacle(pushed, tmp_path):
+    verdict = verdict_of(pushed, tmp_path / "edited.mcap", lambda m: put(m, 1, torque=nan))
+    assert verdict.exit_code == UNJUDGED
+    assert any("operator/push: not as a simulator writes it" in one for one in verdict.obstacles)
+
+
+@pytest.mark.parametrize(("row", "beyond"), [(0, {"force": 1.0}), (1, {"torque": -31.0})])
+def test_what_is_beyond_the_operators_limits_is_not_shown(pushed, tmp_path, row, beyond):
+    edited = copied(pushed, tmp_path / "edited.mcap", lambda m: put(m, row, **beyond), ANEW)
+    assert verify(edited).exit_code == VERIFIED
+    assert RecordedRun(edited).operated.pushes == RecordedRun.open(pushed).operated.pushes
 
 
 def again(messages):

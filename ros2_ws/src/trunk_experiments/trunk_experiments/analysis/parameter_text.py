@@ -168,7 +168,8 @@ class ChangedParameter(NamedTuple):
 def changed_parameters(run: RecordedRun) -> list[ChangedParameter]:
     """Return the changes while a run went on, by time; at one time by node, in the order of the file."""
     changes = []
-    for node in {run.recording.relative(c.node): c for c in run.recording.parameter_changes()}:
+    changed = {run.recording.relative(c.node): c for c in run.recording.parameter_changes()}
+    for node in (name for name in changed if name in run.parameters):
         process = run.process(node)
         known = dict(process.parameters) if process else {}
         for change in run.parameter_changes(node):

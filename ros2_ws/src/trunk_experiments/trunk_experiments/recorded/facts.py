@@ -1,11 +1,12 @@
 """Facts of a run, from its states and what acted on the plant: a fall, late steps, silence, links' losses.
 
 An event is a log: nothing here follows from one, apart from a controller's turns.
-The plant is imported only where its inputs were recorded or links are set: an exact run needs none.
+The plant is imported only where its inputs were recorded, and for links.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from math import pi
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -80,20 +81,23 @@ def joints_of(run: RecordedRun) -> tuple[str, str]:
 
 
 def fall_angles(run: RecordedRun, stamps: Integers) -> Floats | None:
-    """Return the fall angle in force in each state, rad [N]; None without parameters that say it.
+    """Return the fall angle in force in each state, rad [N]; None without parameters, NaN for no number.
 
     A parameter that a recording of an earlier version lacks has its default.
     """
     if "simulator" not in run.parameters:
         return None
-    changes = [c for c in run.parameter_changes("simulator") if "fall.angle" in c.changed]
+    angles = np.full(len(stamps), np.nan)  # where it is not known, nothing is beyond it
     first = run.parameters["simulator"].get("fall.angle", pi / 2.0)
-    values = [first, *(change.changed["fall.angle"] for change in changes)]
-    if not all(isinstance(value, float) for value in values):
-        return None
-    angles = np.full(len(stamps), first)
-    for change, value in zip(changes, values[1:], strict=True):
-        angles[stamps > change.stamp_ns] = value
+    told = [(-1, first)]
+    told += [
+        (change.stamp_ns, change.changed["fall.angle"])
+        for change in run.parameter_changes("simulator")
+        if "fall.angle" in change.changed
+    ]
+    for since_ns, angle in told:
+        known = isinstance(angle, float | int) and not isinstance(angle, bool)
+        angles[stamps > since_ns] = angle if known else np.nan
     return angles
 
 
@@ -129,17 +133,18 @@ def not_judged(run: RecordedRun) -> tuple[str, ...]:
 
 
 def links_of(run: RecordedRun) -> dict[str, str]:
-    """Return what became of the messages on a run's links; empty without links, or if it is not known."""
+    """Return what became of the messages on a run's links.
+
+    Empty without links, if it is not known, and for a large file of which only the summary was read.
+    """
+    if not run.recording.checked or "simulator" not in run.parameters:
+        return {}
     from trunk_sim.links import Traffic
 
-    try:
+    with suppress(RecordingError, ParameterError):
         network = run.config("simulator").network
-    except (RecordingError, ParameterError):
-        return {}
-    if network is None:
-        return {}
-    states = len(run.angles[0]) if run.recording.checked else run.count(topics.GROUND_TRUTH)
-    return Traffic(network).counts(states)
+        return {} if network is None else Traffic(network).counts(len(run.angles[0]))
+    return {}
 
 
 def silence_of(run: RecordedRun) -> str:

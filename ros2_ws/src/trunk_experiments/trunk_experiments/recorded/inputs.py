@@ -200,9 +200,10 @@ def operated_of(run: RecordedRun) -> Operated:
     table = run.table(topics.OPERATOR_PUSH)
     rows = simulator_of(run).rows(table)
     stamps = table.stamp_ns[rows]
-    if table.width("effort") != 2 or (np.diff(stamps) <= 0).any():
+    odd = table.width("effort") != 2 or not np.isfinite(table.values("effort")[rows]).all()
+    if odd or (np.diff(stamps) <= 0).any():
         raise RecordingError(f"{run.path}: {table.topic}: not as a simulator writes it")
-    values = map(Applied._make, table.values("effort")[rows].tolist())
+    values = (limits.clip(Applied(*row)) for row in table.values("effort")[rows].tolist())
     return Operated(tuple(zip(stamps.tolist(), values, strict=True)), limits)
 
 

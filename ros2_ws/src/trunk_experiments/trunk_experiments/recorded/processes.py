@@ -205,8 +205,11 @@ def acted(run: RecordedRun, node: str) -> Process | None:
     return next(filter(None, map(by_source.get, run.sources_in_force)), processes[0])
 
 
-def sources_in_force(run: RecordedRun) -> tuple[str, ...]:
-    """Return the sources of all that acted on the plant of a real-time run, the first to act first."""
+def sources_in_force(run: RecordedRun, kinds: Sequence[int] = (0, 1)) -> tuple[str, ...]:
+    """Return the sources of what acted on the plant of a real-time run, the first to act first.
+
+    ``kinds``: 0 for commands, 1 for disturbances. Raises RecordingError for messages that cannot be read.
+    """
     table = run.table(topics.PLANT_INPUTS)
     if table.names != topics.INPUT_NAMES or not table.width("velocity"):
         return ()
@@ -215,7 +218,7 @@ def sources_in_force(run: RecordedRun) -> tuple[str, ...]:
     first: dict[str, int] = {}
     for place, text in enumerate(table.frames):
         _, *sources = sources_of_inputs(text) or ("", "", "")
-        for source, column in zip(sources, (0, 1), strict=True):
+        for source, column in ((sources[kind], kind) for kind in kinds):
             held = (frame == place) & (ages[:, column] >= 0.0)
             if held.any():
                 row = int(np.argmax(held))

@@ -173,8 +173,12 @@ class RecordedRun:
     def _ours_alone(self) -> bool:
         """True if each command that acted was of a controller of ours."""
         if self.real_time:
-            sources = self.sources_in_force
-            return bool(sources) and all(map(source_in, sources))
+            from .processes import sources_in_force
+
+            with suppress(RecordingError):
+                sources = sources_in_force(self, (0,))
+                return bool(sources) and all(map(source_in, sources))
+            return False
         from .turns import acts
 
         stamps = self.recording.joints(self.recording.topic(topics.EFFORT_COMMAND)).stamp_ns

@@ -101,13 +101,16 @@ class Doubts:
     @property
     def of_inputs(self) -> list[str]:
         """A line for each doubt about what acted and what was used."""
-        silent = [f"SILENT: {self.silent}"] if self.silent else []
-        return [*silent, *self.unsound, *self.refused]
+        return [*self._silent, *self.unsound, *self.refused]
+
+    @property
+    def _silent(self) -> list[str]:
+        return [f"SILENT: {self.silent}"] if self.silent else []
 
     @property
     def lines(self) -> list[str]:
         """A line for each doubt."""
-        lines = self.of_inputs
+        lines = self._silent
         if self.reason is not None:
             until = f"; {self.until}" if self.until else ""
             lines.append(f"INCOMPLETE: {self.reason}{until}")
@@ -118,6 +121,7 @@ class Doubts:
             angle_deg, fall_deg = self.beyond_90
             limit = "" if fall_deg is None else f", but fall.angle is {fall_deg:.3g} degrees"
             lines.append(f"BEYOND 90 degrees: it ends at {angle_deg:.0f} degrees{limit}")
+        lines += [*self.unsound, *self.refused]
         if self.late is not None and self._behind:
             steps, of, moved_deg = self.late
             moved = ""
@@ -139,7 +143,7 @@ class RecordingResult(Result):
     """What every document says about a recording."""
 
     file: Annotated[Path, "The recording"]
-    doubts: Annotated[Doubts | None, "null: it was not read, or cannot be"]
+    doubts: Annotated[Doubts | None, "null: not read, or cannot be read"]
 
 
 def about(

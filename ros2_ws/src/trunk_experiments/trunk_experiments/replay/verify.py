@@ -91,7 +91,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
             if check.unjudged and not check.reason
         ]
         verdict.unjudged += _unjudged(run)
-    except (ParameterError, PlanError) as error:
+    except ParameterError as error:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
     except RecordingError as error:
         verdict.obstacles.append(str(error).removeprefix(f"{recording.path}: "))
@@ -157,10 +157,13 @@ def _other_parameters(run: RecordedRun) -> Iterator[str]:
         node = run.recording.relative(change.node)
         if node not in NODES or node == "recorder":
             continue
-        declared = set(declarations(NODES[node].config))
-        if unknown := {*change.new, *change.changed} - declared:
+        declared = declarations(NODES[node].config)
+        fixed = [name for name in change.changed if name in declared and declared[name].fixed]
+        if fixed:
+            yield f"run/parameters: {node} changes {', '.join(fixed)}, which is fixed at start"
+        if unknown := {*change.new, *change.changed} - set(declared):
             yield f"run/parameters: {node} has no parameters {', '.join(sorted(unknown))}"
-        if change.new and (missing := declared - set(change.new)):
+        if change.new and (missing := set(declared) - set(change.new)):
             yield f"run/parameters: the set of {node} lacks {', '.join(sorted(missing))}"
 
 
@@ -169,7 +172,10 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     complete = (run.recording.end or {}).get("complete") == "true"
     rerun = Rerun(run)
     disturbance = run.config("disturbance") if "disturbance" in run.parameters else None
-    check_joints(replace(rerun.engine.plan, disturbance=disturbance))
+    try:
+        check_joints(replace(rerun.engine.plan, disturbance=disturbance))
+    except PlanError as error:
+        verdict.obstacles.append(str(error))
     rerun.compare()
     idle = {label: answers.check for label, answers in rerun.answers.items() if answers.idle}
     verdict.checks += [c for c in rerun.checks if all(c is not check for check in idle.values())]
@@ -281,16 +287,19 @@ def settle(run: RecordedRun, process: Process, checks: list[Check]) -> None:
 
 
 def _cut(rerun: Rerun) -> list[str]:
-    """Return that a run ends before its duration, and no fall was to stop it."""
+    """Return that a run does not end with its duration, or with the fall that was to stop it."""
     config: SimulatorConfig = rerun.simulator.config
-    if not config.duration or (config.fall_stop and rerun.run.fall):
+    if not len(rerun.stamps) or rerun.cut_ns is not None:
         return []
-    states, wanted = len(rerun.stamps), step_count(config.duration, config.update_rate) + 1
-    if states >= wanted:
+    last_ns, fall = int(rerun.stamps[-1]), rerun.run.fall if config.fall_stop else None
+    at = f"the run ends at t = {seconds(last_ns):g} s"
+    if fall is not None:
+        stops = f"{at}, but fall.stop is set, and it fell at t = {seconds(fall.stamp_ns):g} s"
+        return [] if last_ns == fall.stamp_ns else [stops]
+    wanted = step_count(config.duration, config.update_rate)
+    if not config.duration or int(rerun.evidence.index[-1]) == wanted:
         return []
-    return [
-        f"{states} states of {wanted}: the run ends before its duration of {config.duration:g} s"
-    ]
+    return [f"{at}, but its duration is {config.duration:g} s"]
 
 
 def _span(run: RecordedRun, rerun: Rerun) -> str:
