@@ -94,12 +94,12 @@ def test_the_last_torque_is_from_the_command_that_the_link_delivers(run: Path) -
 
 
 def test_counts_are_recorded_and_recomputed(run: Path) -> None:
-    found = RecordedRun.open(run)
-    (told,) = (one for one in found.events if one.message == Event.PASSED_ON)
-    assert told.stamp_ns == 1_000_000_000
-    assert list(told.values) == ["link.state", "link.command", "sensor.dropout"]
-    assert told.values["link.state"].startswith("201 sent, ")
-    assert links_of(found) == told.values
+    recorded = RecordedRun.open(run)
+    (end,) = (event for event in recorded.events if event.message == Event.PASSED_ON)
+    assert end.stamp_ns == 1_000_000_000
+    assert list(end.values) == ["link.state", "link.command", "sensor.dropout"]
+    assert end.values["link.state"].startswith("201 sent, ")
+    assert links_of(recorded) == end.values
 
 
 def test_an_edited_reading_is_found(run: Path, tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ def test_what_was_altered_diverges(pushed, tmp_path, edit):
 def test_a_push_that_is_no_number_is_an_obstacle(pushed, tmp_path):
     verdict = verdict_of(pushed, tmp_path / "edited.mcap", lambda m: put(m, 1, torque=nan))
     assert verdict.exit_code == UNJUDGED
-    assert any("operator/push: not as a simulator writes it" in one for one in verdict.obstacles)
+    assert any("operator/push: not as a simulator writes it" in line for line in verdict.obstacles)
 
 
 @pytest.mark.parametrize(("row", "beyond"), [(0, {"force": 1.0}), (1, {"torque": -31.0})])

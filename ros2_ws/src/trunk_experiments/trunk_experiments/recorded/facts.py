@@ -89,13 +89,13 @@ def fall_angles(run: RecordedRun, stamps: Integers) -> Floats | None:
         return None
     angles = np.full(len(stamps), np.nan)  # where it is not known, nothing is beyond it
     first = run.parameters["simulator"].get("fall.angle", pi / 2.0)
-    told = [(-1, first)]
-    told += [
+    settings = [(-1, first)]
+    settings += [
         (change.stamp_ns, change.changed["fall.angle"])
         for change in run.parameter_changes("simulator")
         if "fall.angle" in change.changed
     ]
-    for since_ns, angle in told:
+    for since_ns, angle in settings:
         known = isinstance(angle, float | int) and not isinstance(angle, bool)
         angles[stamps > since_ns] = angle if known else np.nan
     return angles

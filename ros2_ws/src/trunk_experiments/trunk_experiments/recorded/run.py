@@ -226,9 +226,9 @@ class RecordedRun:
 
         A law has parameters on record, whether or not its package is installed here.
         """
-        told = {*self.controllers} & {*self.parameters}
+        lawful = {*self.controllers} & {*self.parameters}
         commanded = self.mode == "offline" and bool(self.controllers)
-        if told or not commanded or "simulator" not in self.parameters:
+        if lawful or not commanded or "simulator" not in self.parameters:
             return False  # without loading the laws, which metrics do not need
         return not set(usable()) & {*self.controllers, *self.parameters}
 

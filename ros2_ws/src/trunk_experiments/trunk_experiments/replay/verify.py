@@ -226,7 +226,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     verdict.obstacles += others
     for check in verdict.checks if others else ():
         check.excuse(others[0])
-    verdict.obstacles += _cut(rerun)
+    verdict.obstacles += _wrong_end(rerun)
     verdict.obstacles += [] if complete else _recorder_was_inactive(run)
     verdict.obstacles += _missing(run, rerun)
     verdict.judged = _span(run, rerun)
@@ -286,7 +286,7 @@ def settle(run: RecordedRun, process: Process, checks: list[Check]) -> None:
             check.excuse(f"{process.node} did not say what it published, or not all of it is here")
 
 
-def _cut(rerun: Rerun) -> list[str]:
+def _wrong_end(rerun: Rerun) -> list[str]:
     """Return that a run does not end with its duration, or with the fall that was to stop it."""
     config: SimulatorConfig = rerun.simulator.config
     if not len(rerun.stamps) or rerun.cut_ns is not None:
