@@ -38,6 +38,20 @@ def test_it_ends_as_it_did(name, trunk, monkeypatch):
     assert "judged by version 9.9 (commit abc)\n" in out
 
 
+@pytest.mark.parametrize("name", VERDICTS)
+def test_an_examination_finds_nothing_wrong(name, trunk):
+    code, out, _ = trunk("info", "--check", ARCHIVE[name])
+    assert (code, "warning" in out or "error" in out) == (0, False), out
+
+
+@pytest.mark.parametrize("name", VERDICTS)
+def test_it_is_shown_without_a_word_on_its_recorder(name, trunk, tmp_path):
+    code, out, err = trunk("report", ARCHIVE[name], "-o", tmp_path / "page.html")
+    assert code == 0
+    assert "recorder" not in out + err
+    assert "recorder: recorded parameters" not in (tmp_path / "page.html").read_text()
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [

@@ -6,11 +6,20 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
 from trunk_experiments.cli import trunk
 from trunk_experiments.errors import PlanError
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.views.plots import COLORS, line_style, overview, paper_figure, save
+from trunk_experiments.views.plots import (
+    COLORS,
+    legend,
+    line_style,
+    overview,
+    paper_figure,
+    run_handles,
+    save,
+)
 from trunk_experiments.views.run_view import RunView, labels, off_scale
 from trunk_msgs_util.mechanics import path_height
 
@@ -131,6 +140,14 @@ def test_no_legend_covers_data(views):
         (legend,) = figure.legends
         box = legend.get_window_extent()
         assert not any(box.overlaps(axes.get_window_extent()) for axes in figure.axes)
+
+
+def test_a_legend_is_no_wider_than_its_figure():
+    figure, names = Figure(figsize=(10.0, 4.0)), ["a run of a long name", "a" * 60, "b" * 30]
+    legend(figure, "outside upper center", run_handles(names), run_handles(["reference"] * 5))
+    (drawn,) = figure.legends
+    assert drawn.get_window_extent().width <= figure.bbox.width
+    assert {*names} < {text.get_text() for text in drawn.get_texts()}
 
 
 def test_the_papers_layout_names_the_controllers(views, short_run):

@@ -104,7 +104,7 @@ def _evidence(run: RecordedRun, seen: Mapping[str, JointTable]) -> Iterator[Find
         yield Finding(
             WARNING, "no events: the run cannot be judged", recording.topic(names.RUN_EVENTS)
         )
-    for node in sorted(run.parameters.keys() & NODES.keys()):
+    for node in sorted((run.parameters.keys() & NODES.keys()) - {"recorder"}):
         try:
             run.config(node)
         except ParameterError as error:

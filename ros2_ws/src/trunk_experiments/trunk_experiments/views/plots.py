@@ -177,17 +177,21 @@ def context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2
 def legend(
     figure: Figure, where: str, runs: list[Line2D | Patch], context: list[Line2D | Patch]
 ) -> None:
-    """Add a legend outside all axes: rows of runs, then a row of everything else."""
-    columns = min(max(min(4, len(runs)), len(context)), _COLUMNS)
+    """Add a legend outside all axes: rows of runs, then of everything else, as wide as the figure at most."""
+    most = min(max(min(4, len(runs)), len(context)), _COLUMNS)
     groups = [runs, context]
     if len(runs) == 1 and len(context) < _COLUMNS:
-        groups, columns = [runs + context], 1 + len(context)
-    rows = [group[i : i + columns] for group in groups for i in range(0, len(group), columns)]
+        groups, most = [runs + context], 1 + len(context)
     blank = Line2D([], [], alpha=0.0, label=" ")
-    filled = [row + [blank] * (columns - len(row)) for row in rows]
-    # Matplotlib fills column by column.
-    handles = [row[i] for i in range(columns) for row in filled]
-    figure.legend(handles=handles, loc=where, ncols=columns)
+    for columns in range(most, 0, -1):
+        rows = [group[i : i + columns] for group in groups for i in range(0, len(group), columns)]
+        filled = [row + [blank] * (columns - len(row)) for row in rows]
+        # Matplotlib fills column by column.
+        handles = [row[i] for i in range(columns) for row in filled]
+        drawn = figure.legend(handles=handles, loc=where, ncols=columns)
+        if columns == 1 or drawn.get_window_extent().width <= figure.bbox.width:
+            return
+        drawn.remove()
 
 
 def plain(text: str) -> str:
