@@ -7,7 +7,6 @@ The plant is imported only where its inputs were recorded, and for links.
 from __future__ import annotations
 
 from contextlib import suppress
-from math import pi
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
@@ -32,7 +31,6 @@ class Fall(NamedTuple):
 
     stamp_ns: int
     angle: float  # rad
-    limit: float  # rad
 
 
 class Late(NamedTuple):
@@ -88,7 +86,11 @@ def fall_angles(run: RecordedRun, stamps: Integers) -> Floats | None:
     if "simulator" not in run.parameters:
         return None
     angles = np.full(len(stamps), np.nan)  # where it is not known, nothing is beyond it
-    first = run.parameters["simulator"].get("fall.angle", pi / 2.0)
+    first = run.parameters["simulator"].get("fall.angle")
+    if first is None:
+        from trunk_sim.config import SimulatorConfig
+
+        first = SimulatorConfig().fall_angle
     settings = [(-1, first)]
     settings += [
         (change.stamp_ns, change.changed["fall.angle"])
@@ -116,7 +118,7 @@ def fall_of(run: RecordedRun) -> Fall | None:
     if not beyond.any():
         return None
     row = int(np.argmax(beyond))
-    return Fall(int(stamps[row]), float(angles[row]), float(limits[row]))
+    return Fall(int(stamps[row]), float(angles[row]))
 
 
 def not_judged(run: RecordedRun) -> tuple[str, ...]:
