@@ -7,6 +7,9 @@ Of a file's cases marked ``virtual``, one runs in real processes each time; in a
 (tests/graph/virtual.py).
 The epoch is TRUNK_EPOCH, else the number of commits. scripts/test.sh --all runs them all.
 
+With TRUNK_BELOW, a package's tests, started in its folder, find the packages below it alone
+(scripts/colcon_test.sh).
+
 What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the last line of scripts/test.sh;
 what each test cost goes to the file TRUNK_DURATIONS. None is skipped for want of a tool that TRUNK_REQUIRE
 names.
@@ -33,20 +36,27 @@ from typing import Any
 from zlib import crc32
 
 import pytest
-from hypothesis import HealthCheck, Phase, settings
+from hypothesis import HealthCheck, settings
+
+from trunk_core import PACKAGES
 
 _PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("default", _PATIENT)
 settings.register_profile("same", _PATIENT, derandomize=True)
-# scripts/check_mutants.sh asks whether a test fails, not for the smallest example.
-settings.register_profile(
-    "mutants",
-    _PATIENT,
-    derandomize=True,
-    database=None,
-    phases=(Phase.explicit, Phase.generate),
-)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+
+
+class _Above:
+    """Lets the packages above the one of the current folder be as if they were not installed."""
+
+    names = PACKAGES[PACKAGES.index(Path.cwd().name) + 1 :] if "TRUNK_BELOW" in os.environ else ()
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:
+        if name.partition(".")[0] in self.names:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
+sys.meta_path.insert(0, _Above())
 
 # A background job begins with SIGINT ignored, and so would all that it starts: some of those that were forked
 # lost a signal that came early, and no shell can handle one that it began without.
@@ -250,7 +260,7 @@ def _held_up_s() -> float:
     return monotonic()  # all the time, for all we know
 
 
-@pytest.hookimpl(wrapper=True, optionalhook=True)  # without pytest-timeout where mutants are tested
+@pytest.hookimpl(wrapper=True)
 def pytest_timeout_set_timer(item: pytest.Item, settings: Any) -> Generator[None, Any, Any]:
     """Let time in which somebody is held up count for a third at least: the limit is for what hangs.
 

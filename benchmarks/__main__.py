@@ -11,11 +11,11 @@ from typing import Any
 
 import click
 
+from trunk_core.errors import TrunkError
 from trunk_experiments.console.tables import print_table
-from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.node import middleware
 
-from . import core, exported, gpu, gym, lanes, nodes, read, sweep
+from . import core, gpu, gym, lanes, nodes, read, sweep
 from .harness import Row
 
 BENCHMARKS: dict[str, Callable[..., list[Row]]] = {
@@ -25,7 +25,6 @@ BENCHMARKS: dict[str, Callable[..., list[Row]]] = {
     "gym": gym.compare,
     "gpu": gpu.compare,
     "read": read.compare,
-    "export": exported.compare,
     "lockstep": nodes.lockstep,
     "realtime": nodes.realtime,
     "live": nodes.live,

@@ -15,10 +15,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from trunk_control.laws import law_named
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_core.samples import JointSample
 from trunk_msgs_util.node import early_signals
 from trunk_msgs_util.node.conversions import sample_to_ros
-from trunk_msgs_util.samples import JointSample
 
 _JOINTS = JointSample(0, ("hip", "trunk"), (0.1, 0.2), (0.3, 0.4), (0.5, 0.6))
 _COMMAND = JointSample(0, ("trunk",), effort=(0.7,))

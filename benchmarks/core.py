@@ -14,12 +14,11 @@ from typing import Any
 
 from trunk_control.fuzzy import infer
 from trunk_control.fuzzy_pid import FuzzyPidConfig, fuzzy_pid_update
-from trunk_control.law import Sample
-from trunk_control.limits import DERIVATIVE_ON_MEASUREMENT, Limits
+from trunk_control.law import DERIVATIVE_ON_MEASUREMENT, Limits, Sample
 from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState
 from trunk_control.rule_tables import MOST
-from trunk_experiments.rulebase.exporting import written
+from trunk_control.rulebase.exporting import written
 
 from .harness import BenchError, Row, library
 

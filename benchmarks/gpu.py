@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from trunk_experiments.batch.block import Lanes, Maker, Outcomes
-from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.batch.cuda import CudaDevice
-from trunk_experiments.batch.kernel import OnDevice
-from trunk_experiments.batch.varied import Varied
-from trunk_experiments.batch.workers import worker_pool
-from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_experiments.runs.loop_inputs import states_of
-from trunk_msgs_util.parameters.declarations import changed
+from trunk_core.parameters.declarations import changed
+from trunk_runs.loop import states_of
+from trunk_runs.plan import RunPlan, make_plan
+from trunk_studies.batch.block import Lanes, Maker, Outcomes
+from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.cuda import CudaDevice
+from trunk_studies.batch.kernel import OnDevice
+from trunk_studies.batch.varied import Varied
+from trunk_studies.batch.workers import worker_pool
 
 from .harness import BenchError, Row, library
 from .sweep import MJCF
@@ -88,7 +88,9 @@ def _mjx(plan: RunPlan) -> Callable[[], object]:
     mjx: Any = library("mujoco.mjx", "MJX", "mujoco-mjx 'jax[cuda12]'")
     jax: Any = library("jax", "JAX", "mujoco-mjx 'jax[cuda12]'")
     jax.config.update("jax_enable_x64", True)
-    model = mujoco.MjModel.from_xml_string(MJCF.format(integrator="RK4", body=plan.simulator.body))
+    model = mujoco.MjModel.from_xml_string(
+        MJCF.format(integrator="RK4", body=plan.simulator.constants)
+    )
     on_card = mjx.put_model(model)
     start = mjx.make_data(model)
     dt = float(model.opt.timestep)

@@ -9,7 +9,7 @@ from statistics import median
 from time import process_time
 from typing import Any
 
-from trunk_msgs_util.errors import TrunkError
+from trunk_core.errors import TrunkError
 
 Work = Callable[[], object]
 

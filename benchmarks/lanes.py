@@ -12,18 +12,19 @@ from time import perf_counter, sleep
 
 import numpy as np
 
-from trunk_control.controller_config import ControllerConfig
+from trunk_control.law import ControllerConfig
 from trunk_control.laws import law_named
-from trunk_experiments.batch.block import regular_run, run_block, summaries, summary_of
-from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.batch.lanes import LANES
-from trunk_experiments.batch.workers import worker_pool
-from trunk_experiments.plans.nodes import CONTROLLERS
-from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_experiments.study.rows import make_bases, plan_of
-from trunk_experiments.study.study import design, parse_study
-from trunk_experiments.study.sweep import RunBlock
-from trunk_experiments.study.sweep import run_block as run_rows
+from trunk_core.parameters.declarations import changed
+from trunk_runs.nodes import CONTROLLERS
+from trunk_runs.plan import RunPlan, make_plan
+from trunk_studies.batch.block import regular_run, run_block, summaries, summary_of
+from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.lanes import LANES
+from trunk_studies.batch.workers import worker_pool
+from trunk_studies.rows import make_bases, plan_of
+from trunk_studies.study import design, parse_study
+from trunk_studies.sweep_execution import RunBlock
+from trunk_studies.sweep_execution import run_block as run_rows
 
 from .core import large_rules
 from .harness import Row, alternately
@@ -68,7 +69,9 @@ def varied(plan: RunPlan, count: int) -> list[RunPlan]:
     """Return this many runs, each of a different trunk."""
     simulator = plan.simulator
     masses = np.linspace(0.4, 0.6, count).tolist()
-    return [replace(plan, simulator=replace(simulator, trunk_mass=mass)) for mass in masses]
+    return [
+        replace(plan, simulator=changed(simulator, {"plant.trunk_mass": mass})) for mass in masses
+    ]
 
 
 def lanes_row(controller: str, batch: Batch, rounds: int) -> Row:

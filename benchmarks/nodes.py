@@ -30,15 +30,14 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
-from trunk_experiments.gateway.process import LOOPBACK, GatewayProcess
-from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_experiments.recorded.facts import late_steps
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.runs.graph import run_graph
-from trunk_experiments.runs.node_processes import NodeProcess, find_executable, stop
-from trunk_experiments.runs.run_files import RunFiles
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_evidence.recorded_run import RecordedRun, late_steps
+from trunk_runs.graph import run_graph
+from trunk_runs.nodes import NODES
+from trunk_runs.plan import RunPlan, make_plan
+from trunk_runs.processes import NodeProcess, find_executable, stop
+from trunk_runs.run_files import RunFiles
+from trunk_views.live.process import LOOPBACK, GatewayProcess
 
 from .harness import BenchError, Row
 

@@ -8,8 +8,8 @@ import sys
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
-from trunk_experiments.gateway.__main__ import give_way
-from trunk_experiments.gateway.protocol import NAME
+from trunk_views.live.__main__ import give_way
+from trunk_views.live.feed import NAME
 
 
 async def _read(address: str, ready: asyncio.Semaphore) -> None:

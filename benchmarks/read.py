@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from rosbags.highlevel import AnyReader
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_table import QUANTITIES, JointTable
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core import topics
+from trunk_recording.joint_table import QUANTITIES, JointTable
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 from .harness import BenchError, Row
 

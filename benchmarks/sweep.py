@@ -17,9 +17,10 @@ import numpy as np
 from trunk_control.fuzzy_pid import FuzzyPidConfig, fuzzy_pid_update
 from trunk_control.law import Sample
 from trunk_control.pid_family import PidState
-from trunk_experiments.batch.block import summaries
-from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.plans.plan import RunPlan
+from trunk_core.parameters.declarations import changed
+from trunk_runs.plan import RunPlan
+from trunk_studies.batch.block import summaries
+from trunk_studies.batch.compiled_run import Batch
 
 from .harness import BenchError, Row, library, timed
 from .lanes import FEW, bench_plan, varied
@@ -90,7 +91,9 @@ def compare(rounds: int = 3) -> list[Row]:
 def check_mujoco(mujoco: Any) -> None:
     """Refuse a MuJoCo whose cart-pole does not move like our plant on a flat path."""
     plan = bench_plan()
-    flat = replace(plan, simulator=replace(plan.simulator, amplitude=0.0, duration=1.0))
+    flat = replace(
+        plan, simulator=changed(plan.simulator, {"path.amplitude": 0.0, "duration": 1.0})
+    )
     ours = float(Batch().run(flat).table.theta[-1])
     theirs = mujoco_run(mujoco, flat, "RK4", 1000)
     if not abs(theirs - ours) <= MUJOCO_TOLERANCE:
@@ -100,7 +103,7 @@ def check_mujoco(mujoco: Any) -> None:
 def mujoco_run(mujoco: Any, plan: RunPlan, integrator: str, steps: int) -> float:
     """Return the trunk's last angle in rad of the same loop with MuJoCo's plant, the law in Python."""
     model = mujoco.MjModel.from_xml_string(
-        MJCF.format(integrator=integrator, body=plan.simulator.body)
+        MJCF.format(integrator=integrator, body=plan.simulator.constants)
     )
     data = mujoco.MjData(model)
     initial = plan.simulator.initial_state
@@ -121,8 +124,7 @@ def mujoco_run(mujoco: Any, plan: RunPlan, integrator: str, steps: int) -> float
 
 def _scikit_loop(plan: RunPlan) -> Callable[[], None]:
     """Return a loop of `_SCIKIT_STEPS` samples whose gains scikit-fuzzy infers, plant in Python."""
-    from trunk_experiments.runs.engine import states_of_run
-    from trunk_experiments.runs.states import SEEN_POSITION, SEEN_VELOCITY
+    from trunk_runs.engine import SEEN_POSITION, SEEN_VELOCITY, states_of_run
 
     config = plan.controller
     if not isinstance(config, FuzzyPidConfig):

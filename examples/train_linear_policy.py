@@ -20,8 +20,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from trunk_core.errors import TrunkError
 from trunk_experiments.gym import ENVIRONMENT
-from trunk_msgs_util.errors import TrunkError
 
 Floats: TypeAlias = NDArray[np.float64]
 

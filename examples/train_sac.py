@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import trunk_experiments.api as trunk
+from trunk_core.errors import TrunkError
 from trunk_experiments.gym import ENVIRONMENT
-from trunk_msgs_util.errors import TrunkError
 
 Floats: TypeAlias = NDArray[np.float64]
 Changes: TypeAlias = Mapping[str, float]  # by NODE.PARAM, SI units

@@ -30,13 +30,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.nodes import LATENCY, begin, graph_of, readers, resident_bytes, timing
 from benchmarks.observer import Observer
 
+from trunk_core import topics
+from trunk_evidence.judgement import VERIFIED, verdict_on
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments.console.tables import print_table
-from trunk_experiments.gateway.process import LOOPBACK, GatewayProcess
-from trunk_experiments.gateway.protocol import NAME
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import VERIFIED, verdict_on
-from trunk_experiments.runs.node_processes import stop
-from trunk_msgs_util import topics
+from trunk_runs.processes import stop
+from trunk_views.live.feed import NAME
+from trunk_views.live.process import LOOPBACK, GatewayProcess
 
 MIB = 2**20
 MOST = 0.05

@@ -18,10 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trunk_experiments.errors import RuleFileError
-from trunk_experiments.rulebase.engine import RuleEngine
-from trunk_experiments.rulebase.importing import ALONE, TRANSLATIONS, read_fll
-from trunk_experiments.rulebase.sampling import Sampling, check_points, sample
+from trunk_control.rulebase.importing import ALONE, TRANSLATIONS, read_fll
+from trunk_control.rulebase.inference import RuleEngine
+from trunk_control.rulebase.sampling import Sampling, check_points, sample
+from trunk_core.errors import RuleFileError
 
 POINTS = 10_000
 ALIKE = 1e-9  # what an exact table and two programs may differ by

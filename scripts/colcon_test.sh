@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # `colcon test` and `colcon test-result` over all packages; arguments go to pytest: scripts/colcon_test.sh -m 'not slow'
-# Fails, unlike colcon, where a package's pytest ran no test at all.
+# Each package's tests find the packages below it alone. Fails, unlike colcon, where a package's pytest ran no test at all.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source scripts/env.sh
 cd ros2_ws
-export COLCON_HOME=$VIRTUAL_ENV/.colcon
+export COLCON_HOME=$VIRTUAL_ENV/.colcon TRUNK_BELOW=1
 
 args=()
 for arg in "$@"; do args+=(" $arg"); done # colcon takes "-m" for itself without the space before it

@@ -9,16 +9,17 @@ from pathlib import Path
 import click
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.commands.params import text
+from trunk_experiments.commands import params
 from trunk_experiments.console.document import JsonOption
 from trunk_experiments.console.tables import markdown_table
-from trunk_experiments.plans.files import shipped_files
-from trunk_experiments.plans.nodes import NODES
+from trunk_runs.nodes import NODES
+from trunk_runs.scenario import shipped_files
+from trunk_sim.plants import cart_pole as module
 
 
 def parameters() -> str:
     """Return a table of each node's parameters."""
-    tables = ((name, text.markdown_table(text.markdown_rows(name).values())) for name in NODES)
+    tables = ((name, params.markdown_table(params.markdown_rows(name).values())) for name in NODES)
     return "\n\n".join(f"### {name}\n\n{table}" for name, table in tables)
 
 
@@ -48,6 +49,11 @@ def _documents(words: str, verb: click.Command) -> Iterator[tuple[str, str]]:
                 yield from _documents(f"{words} {name}", below)
 
 
+def cart_pole() -> str:
+    """Return the module of the cart-pole."""
+    return f"```python\n{Path(module.__file__).read_text('utf-8')}```"
+
+
 if __name__ == "__main__":
-    for table in (parameters, files, documents):
+    for table in (parameters, files, documents, cart_pole):
         (Path(sys.argv[1]) / f"{table.__name__}.md").write_text(f"{table()}\n", encoding="utf-8")

@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
 # Install one requirement file exactly as it is locked: scripts/install.sh PYTHON FILE LOG [pip's options]
-# Installs nothing without a hash in FILE, no other dependencies, and runs no package's build code, except those below.
+# Installs nothing without a hash in FILE, no other dependencies, and runs no package's build code, except the one below.
 # One line says what is wrong; pip's output is in LOG: a line 'Collecting …' for each package.
 set -euo pipefail
 python=$1 file=$2 log=$3
 shift 3
 
-# PyPI has no wheel of these: setup.py is run by the setuptools of PYTHON (requirements/setuptools.txt). pip would
+# PyPI has no wheel of this one: setup.py is run by the setuptools of PYTHON (requirements/setuptools.txt). pip would
 # otherwise download whatever setuptools is the newest, without a hash.
-no_wheel=empy,yattag
+no_wheel=empy
 
 "$python" -m pip install --no-input --disable-pip-version-check --require-hashes --no-deps \
     --only-binary :all: --no-binary "$no_wheel" --no-build-isolation "$@" -r "$file" >"$log" 2>&1 && exit

@@ -3,7 +3,7 @@
 # (pip install uv) and the network. Pins stay as they are unless an option changes them: scripts/lock.sh --upgrade-package numpy
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../requirements"
-sets=(setuptools runtime ros build cluster cyclonedds gym notebook lab dev mutants release fuzz docs)
+sets=(setuptools runtime ros build cluster cyclonedds gym notebook lab dev release fuzz docs)
 
 # Hashes are PyPI's: no other index, from an environment or from a file, takes part.
 unset UV_INDEX UV_DEFAULT_INDEX UV_INDEX_URL UV_EXTRA_INDEX_URL UV_FIND_LINKS

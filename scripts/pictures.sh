@@ -25,6 +25,8 @@ for fig in 7 9; do
     run "fig$fig-pid" "fig$fig" pid
     run "fig$fig-fuzzy-pid" "fig$fig" fuzzy_pid
 done
+run cart cart_pole state_feedback
+trunk export "$runs/cart.mcap" --from 4.5 --to 8 -o "$images/cart_pole.gif" --force
 trunk branch "$runs/demo.mcap" --at 3 --push 60Nm:0.1s -o "$runs/pushed.mcap"
 trunk branch "$runs/demo.mcap" --at 3 --controller pid -o "$runs/pid.mcap"
 

@@ -11,7 +11,7 @@ if [[ " $* " == *' --help '* || " $* " == *' -h '* ]] && [[ ! -e $scripts/../ros
 usage: scripts/run.sh SCENARIO --controller NAME [OPTION ...]
 
 Sets up what is missing (once: 2 to 10 minutes, 410 MB to download, 1.5 GB in .venv), then runs `trunk run` with
-these arguments. Scenarios: fig6, fig7, fig8, fig9, demo, or a parameter file's path. For all options, after
+these arguments. Scenarios: fig6, fig7, fig8, fig9, demo, cart_pole, or a parameter file's path. For all options, after
 scripts/bootstrap.sh: scripts/run.sh --help
 END
     exit

@@ -3,7 +3,7 @@
 # settings name the registry, and the network. To update it, change its version and the sha512 that the registry gives
 # for it (npm view uplot@VERSION dist.integrity).
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/../ros2_ws/src/trunk_experiments/trunk_experiments"
+cd "$(dirname "${BASH_SOURCE[0]}")/../ros2_ws/src/trunk_views/trunk_views"
 
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Print the project's version, or set it: scripts/version.sh [VERSION]. It is kept in trunk_msgs_util's package.xml;
+# Print the project's version, or set it: scripts/version.sh [VERSION]. It is kept in trunk_core's package.xml;
 # this script also writes it to the other package.xml files and CITATION.cff, and a test compares them.
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -10,4 +10,4 @@ if (($# == 1)); then
     sed -i "0,/<version>.*<\/version>/s//<version>$1<\/version>/" ros2_ws/src/*/package.xml --separate
     sed -i "s/^version: .*/version: $1/; s/^date-released: .*/date-released: $(date -u +%F)/" CITATION.cff
 fi
-sed -n 's/.*<version>\(.*\)<\/version>.*/\1/p' ros2_ws/src/trunk_msgs_util/package.xml
+sed -n 's/.*<version>\(.*\)<\/version>.*/\1/p' ros2_ws/src/trunk_core/package.xml

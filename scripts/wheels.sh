@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Build the wheels of the four packages, for the verbs that need no ROS: scripts/wheels.sh FOLDER (docs/maintaining.md)
+# Build the wheels of the packages, for the verbs that need no ROS: scripts/wheels.sh FOLDER (docs/maintaining.md)
 # Needs no network. The same sources give the same bytes; SOURCE_DATE_EPOCH gives their time, 1980 unless it is set.
 set -euo pipefail
 die() { printf 'wheels: %s\n' "$*" >&2; exit 1; }

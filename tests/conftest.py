@@ -4,7 +4,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.conftest import RunFile
+from ros2_ws.src.trunk_recording.test.conftest import RunFile
 
 from .failed import FAILED
 

@@ -9,19 +9,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
 
-from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.plans.plan import RunPlan
-from trunk_experiments.plans.pushes import GivenInputs
-from trunk_experiments.runs.loop_inputs import disturbance_source, states_of
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_core.parameters.declarations import declarations
+from trunk_core.topics import Event
 from trunk_msgs_util.completeness import OF_STATES
-from trunk_msgs_util.events import Event
-from trunk_msgs_util.parameters.declarations import declarations
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.schemas import (
+from trunk_msgs_util.source import NO_SOURCE
+from trunk_recording.reader import Recording
+from trunk_recording.schemas import (
     deserialize,
     event,
     parameter_event,
@@ -29,7 +25,11 @@ from trunk_msgs_util.recording.schemas import (
     parse_parameter_event,
     serialize,
 )
-from trunk_msgs_util.source import NO_SOURCE
+from trunk_runs.loop import disturbance_source, states_of
+from trunk_runs.nodes import NODES
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import RunPlan
+from trunk_runs.timeline import GivenInputs
 
 EVENTS, PARAMETERS, INPUTS = "/run/events", "/run/parameters", f"/{topics.PLANT_INPUTS}"
 COMMAND = "/effort_command"

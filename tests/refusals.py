@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from trunk_experiments.plans.nodes import NODES
-from trunk_msgs_util.parameters.declarations import declarations
+from trunk_core.parameters.declarations import declarations
+from trunk_runs.nodes import NODES
 
 _S = "S S S S S S S"
 _B = "B B B B B B B"
@@ -31,7 +31,7 @@ simulator | initial.position: [0.25] | double array of 2
 simulator | initial.position: [0.0, 0.5, 1.0] | double array of 2
 simulator | initial.position: 0.5 | double array of 2
 simulator | initial.velocity: [0.0, .nan] | finite double array of 2
-simulator | initial.position: [1000000.0, 0.1], path.wavenumber: 2.0 | path.wavenumber times x
+simulator | initial.position: [1000000.0, 0.1], path.wavenumber: 2.0 | the phase on a path among them
 simulator | path.cosines: [0.1, .nan] | finite double array of at most 32
 simulator | path.cosines: {[0.1] * 33} | double array of at most 32
 simulator | path.sines: {[0.1] * 33} | double array of at most 32

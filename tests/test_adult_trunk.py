@@ -3,26 +3,28 @@
 from math import pi
 
 import pytest
-from ros2_ws.src.trunk_experiments.test.stepwise import steps
+from ros2_ws.src.trunk_runs.test.stepwise import steps
 
-from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.tuning.linear import linearise
-from trunk_experiments.tuning.methods import by_lqr, by_poles
+from trunk_runs.plan import make_plan
+from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.tuning.linear import linearise
+from trunk_studies.tuning.methods import by_lqr, by_poles
 
 FILES = ["profile_walking", "plant_adult_trunk", "gains_adult_trunk"]
 
 
 def test_the_plant_follows_from_the_fractions():
-    p = make_plan("fig6", "pid", FILES).simulator.body
+    simulator = make_plan("fig6", "pid", FILES).simulator
+    p = simulator.constants
     assert p.trunk_mass == pytest.approx(0.678 * 70.0)
     assert p.length == pytest.approx(0.626 * (0.818 - 0.530) * 1.75)
     assert p.hip_mass == pytest.approx(0.322 * 70.0)
-    assert (p.amplitude, p.wavenumber, p.prescribed) == (0.03, 2.0 * pi / 0.7, True)
+    assert (p.amplitude, p.wavenumber) == (0.03, 2.0 * pi / 0.7)
+    assert simulator.hip_mode == "prescribed"
 
 
 def test_the_gains_are_those_of_tune():
-    plant = linearise(make_plan("fig6", "pid", FILES).simulator.body)
+    plant = linearise(make_plan("fig6", "pid", FILES).simulator)
     pid = make_plan("fig6", "pid", FILES).controller.gains
     assert pid == pytest.approx(by_poles(plant, (-12.0, -8.0, -2.0)), rel=1e-5)
     lqr = make_plan("fig6", "lqr", FILES).controller
@@ -35,7 +37,7 @@ def test_the_gains_are_those_of_tune():
 
 def test_the_model_of_computed_torque_is_the_plant():
     plan = make_plan("fig6", "computed_torque", FILES)
-    assert plan.controller.model == plan.simulator.body
+    assert plan.controller.model == plan.simulator.constants
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,13 @@
 
 import pytest
 
-from trunk_experiments.analysis.metrics import metrics
-from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core.errors import PlanError
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import RunTable, metrics
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 
 def recorded(path, scenario, controller, params=(), settings=(), duration=3.0):

@@ -7,20 +7,15 @@ from pathlib import Path
 
 import pytest
 
+from trunk_core.parameters.declarations import values_of
+from trunk_evidence.differences import diff
+from trunk_evidence.parameter_text import changed_parameters, lines_of, transition_text, value_text
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments import api
-from trunk_experiments.analysis.parameter_text import (
-    changed_parameters,
-    lines_of,
-    transition_text,
-    value_text,
-)
-from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.diff import diff
-from trunk_experiments.runs.engine import states_of_run
-from trunk_experiments.runs.offline_recording import record_states
-from trunk_msgs_util.parameters.declarations import values_of
+from trunk_runs.engine import states_of_run
+from trunk_runs.offline_recording import record_states
+from trunk_runs.plan import RunPlan, make_plan
+from trunk_runs.timeline import Change
 
 Trunk = Callable[..., tuple[int, str, str]]
 RULES = "rules.kp"

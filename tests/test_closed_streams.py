@@ -12,7 +12,7 @@ from ros2_ws.src.trunk_experiments.test.verbs import Arguments, of_recording
 
 from trunk_experiments.api import plan, simulate
 from trunk_experiments.cli import OVERVIEW
-from trunk_experiments.runs.node_processes import find_executable
+from trunk_runs.processes import find_executable
 
 from .finished import finished
 
@@ -122,7 +122,7 @@ def test_a_full_device_is_named(folder: Path, name: str, stream: object, said: s
 
 
 @pytest.mark.parametrize(
-    "place", ["trunk_experiments.commands.verify.verify", "trunk_experiments.cli.trunk"]
+    "place", ["trunk_experiments.commands.verify.verdict_on", "trunk_experiments.cli.trunk"]
 )
 def test_a_defect_has_a_code_that_is_no_verdict(folder: Path, place: str) -> None:
     module, _, name = place.rpartition(".")

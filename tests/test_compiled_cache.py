@@ -14,8 +14,8 @@ from threading import Event
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from trunk_msgs_util import compiled as module
-from trunk_msgs_util.compiled import compiled
+from trunk_core import compiled as module
+from trunk_core.compiled import compiled
 
 
 def half(number: float) -> float:

@@ -11,17 +11,20 @@ import pytest
 from trunk_control import fuzzy
 from trunk_control.computed_torque import computed_torque_update
 from trunk_control.fuzzy_pid import FuzzyPidConfig, GainBox, fuzzy_pid_update
-from trunk_control.law import Hip, Sample
-from trunk_control.limits import Limits
+from trunk_control.law import Hip, Limits, Sample
 from trunk_control.lqr import lqr_update
 from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState, rescaled
 from trunk_control.reference import PROFILES, ReferenceProfile, reference_at
-from trunk_msgs_util.compiled import compiled, with_arrays
-from trunk_msgs_util.mechanics import Body, inverse_dynamics
-from trunk_msgs_util.units import held, interpolated
+from trunk_control.state_feedback import state_feedback_update
+from trunk_core.compiled import compiled, with_arrays
+from trunk_core.mechanics import Body, inverse_dynamics
+from trunk_core.units import held, interpolated
 from trunk_sim import plant
 from trunk_sim.disturbances import Signals, disturbance_at, multisine, noise_components, pulse
+from trunk_sim.plant import advance, rk4_step
+from trunk_sim.plants import trunk
+from trunk_sim.plants.trunk import passive, prescribed
 
 Arguments = Iterator[tuple[Any, ...]]
 
@@ -54,10 +57,10 @@ def plants(count: int) -> Arguments:
     """Yield a state, a force, a torque and a body: on a sine, then on 1 to 32 harmonics."""
     rng = np.random.default_rng(count)
     for k in range(2 * count):
-        body = Body(*rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2), k % 5 == 0)
+        body = Body(*rng.uniform(0.1, 5.0, 6).tolist())
         if k >= count:
             numbers = rng.uniform(-0.3, 0.3, 2 * (1 + k % 32)).tolist()
-            body = body._replace(as_printed=False, harmonics=tuple(numbers))
+            body = body._replace(harmonics=tuple(numbers))
         state = plant.PlantState(*rng.uniform(-4.0, 4.0, 4).tolist())
         yield state, *rng.normal(0.0, 30.0, 2).tolist(), body
 
@@ -77,6 +80,18 @@ def steps() -> Arguments:
 def several_steps() -> Arguments:
     numbered = enumerate(plants(1000))
     return ((*loads, 0.001, 1 + k % 10, body) for k, (*loads, body) in numbered)
+
+
+def one_step(
+    state: plant.PlantState, force: float, torque: float, h: float, body: Body
+) -> plant.PlantState:
+    return rk4_step(state, force, torque, h, body, passive)
+
+
+def one_period(
+    state: plant.PlantState, force: float, torque: float, period: float, count: int, body: Body
+) -> plant.PlantState:
+    return advance(state, force, torque, period, count, body, prescribed)
 
 
 def updates(count: int = 400 * len(LIMITS)) -> Arguments:
@@ -120,12 +135,19 @@ def lqr_updates() -> Arguments:
         yield memory, Sample(*sample), (gains, 4.905), limits
 
 
+def feedback_updates() -> Arguments:
+    rng = np.random.default_rng(13)
+    for memory, *sample, gains, limits in updates():
+        hip, own = Hip(*rng.normal(0.0, 2.0, 2).tolist()), rng.normal(0.0, 50.0, 2).tolist()
+        yield memory, Sample(*sample, hip), (gains, *own), limits
+
+
 def torque_updates() -> Arguments:
     rng = np.random.default_rng(11)
     for k, (memory, *sample, gains, limits) in enumerate(updates()):
         hip = Hip(*rng.normal(0.0, 2.0, 2).tolist())
-        model = Body(*rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2))
-        yield memory, Sample(*sample, hip), (gains, model), limits
+        model = Body(*rng.uniform(0.1, 5.0, 6).tolist())
+        yield memory, Sample(*sample, hip), (gains, model, bool(k % 2)), limits
 
 
 def inferences() -> Arguments:
@@ -178,16 +200,19 @@ def references() -> Arguments:
 
 
 CASES: tuple[tuple[Callable[..., Any], Callable[[], Arguments]], ...] = (
-    (plant.accelerations, lambda: plants(3000)),
-    (plant.energy, energies),
-    (plant.rk4_step, steps),
-    (plant.advance, several_steps),
+    (trunk.passive, lambda: plants(3000)),
+    (trunk.prescribed, lambda: plants(1000)),
+    (trunk.as_printed, lambda: plants(1000)),
+    (trunk.energy, energies),
+    (one_step, steps),
+    (one_period, several_steps),
     (inverse_dynamics, torques),
     (pid_update, updates),
     (rescaled, retunings),
     (fuzzy.infer, inferences),
     (fuzzy_pid_update, fuzzy_updates),
     (lqr_update, lqr_updates),
+    (state_feedback_update, feedback_updates),
     (computed_torque_update, torque_updates),
     (pulse, pulses),
     (multisine, multisines),

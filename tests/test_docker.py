@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.plans.plan import make_plan
+from trunk_runs.nodes import NODES
+from trunk_runs.plan import make_plan
 
 from .docker_engine import DOCKER, ROOT, STAGES, TARGETS, CleanRoot, Engine, docker, last
 from .finished import finished
@@ -143,7 +143,7 @@ class TestSlim:
         run(slim, "trunk", "report", "a.mcap", "-o", "a.html", "--force")
         run(slim, "trunk", "export", "a.mcap", "-o", "a.parquet")
         run(slim, "trunk", "tune", "lqr")
-        run(slim, "python3", "-c", "import sympy, trunk_experiments.paper.errata")
+        run(slim, "python3", "-c", "import sympy, trunk_studies.paper.errata")
 
     def test_a_recording_names_the_commit_and_the_image_its_sources(self, engine):
         shown = json.loads(docker("inspect", "trunk:slim").stdout)[0]["Config"]["Labels"]

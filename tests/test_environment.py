@@ -134,7 +134,7 @@ def test_it_is_refused_in_one_line(inputs, words, name, value):
     [
         (("run", "demo"), "RMW_IMPLEMENTATION", "rmw_none"),
         (("params", "set", "pid", "gains.p=70"), "RMW_IMPLEMENTATION", "rmw_none"),
-        (("controller", "check-node"), "RCL_ASSERT_RMW_ID_MATCHES", "rmw_none"),
+        (("live", "demo"), "RCL_ASSERT_RMW_ID_MATCHES", "rmw_none"),
         (("run", "demo"), "ROS_STATIC_PEERS", "robot.invalid"),
     ],
 )

@@ -7,20 +7,21 @@ from pkgutil import walk_packages
 
 import pytest
 
-from trunk_experiments import cli
-from trunk_experiments.errors import (
+from trunk_core import PACKAGES
+from trunk_core.errors import (
     LiveParametersError,
     PlanError,
+    RecordingError,
     RunError,
     StudyError,
     SweepError,
+    TrunkError,
 )
-from trunk_msgs_util.errors import RecordingError, TrunkError
-from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.parameters.files import ParameterFileError
+from trunk_core.parameters.declarations import ParameterError
+from trunk_core.parameters.parameter_files import ParameterFileError
+from trunk_experiments import cli
 from trunk_sim.simulation import DivergedError
 
-PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 # These never reach a user. Readers turn most of them into a RecordingError that names the file.
 INTERNAL = {
     "DamageError",

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util.mechanics import path_height
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core.mechanics import path_height
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_recording.reader import Recording
+from trunk_runs.plan import make_plan
 
 from .finished import finished
 
@@ -92,10 +92,10 @@ def test_a_path_is_fitted_to_measured_points(tmp_path):
     done = finished([*command, "3"], cwd=tmp_path)
     assert done.stdout.startswith("71 points: "), done.stderr
     plan = make_plan("fig6", "computed_torque", ["profile_walking", str(tmp_path / "walk.yaml")])
-    fitted = plan.simulator.body
+    fitted = plan.simulator.constants
     assert (fitted.amplitude, fitted.wavenumber) == (0.0, pytest.approx(k))
     assert fitted.harmonics == pytest.approx(harmonics, abs=1e-12)
-    assert fitted == plan.controller.model._replace(prescribed=fitted.prescribed)
+    assert fitted == plan.controller.model
     for words, says in ((["3"], "File exists"), (["40"], "the points determine")):
         again = finished([*command, *words], cwd=tmp_path)
         assert again.returncode == 2

@@ -5,20 +5,20 @@ from math import inf, nextafter
 
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_experiments.test.stepwise import steps
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import NONE, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import NONE, copied
+from ros2_ws.src.trunk_runs.test.stepwise import steps
 
 import trunk_experiments.api as trunk
-from trunk_experiments.batch.block import key_of, regular_run, summaries, summary_of
-from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.batch.lanes import LANES
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import DIVERGES, verdict_on
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.tuning.floquet import floquet
-from trunk_msgs_util.recording.joint_state_cdr import layout_of
-from trunk_msgs_util.samples import JointSample
+from trunk_core.samples import JointSample
+from trunk_evidence.judgement import DIVERGES, verdict_on
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_recording.cdr import layout_of
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_studies.batch.block import key_of, regular_run, summaries, summary_of
+from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.lanes import LANES
+from trunk_studies.tuning.floquet import floquet
 
 GAIT = [
     "simulator.path.amplitude=0",
@@ -48,7 +48,7 @@ def test_one_sine_is_the_default_path():
     default = make_plan("fig6", "fuzzy_pid", everywhere={"duration": 0.5})
     settings = ["simulator.path.amplitude=0.0", "simulator.path.sines=[1.0]"]
     series = make_plan("fig6", "fuzzy_pid", settings=settings, everywhere={"duration": 0.5})
-    assert series.simulator.body != default.simulator.body
+    assert series.simulator.constants != default.simulator.constants
     assert states(series) == states(default)
 
 

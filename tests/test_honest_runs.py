@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 
 from trunk_control.controller import Controller
-from trunk_experiments.plans.plan import Swap, make_plan
-from trunk_experiments.plans.timeline import Change, Timeline
-from trunk_experiments.recorded.facts import late_steps
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_experiments.runs import engine
-from trunk_experiments.runs.loop_inputs import states_of
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core import topics
+from trunk_core.topics import Event
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun, late_steps
+from trunk_recording.reader import Recording
+from trunk_runs import engine
+from trunk_runs.loop import states_of
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import Swap, make_plan
+from trunk_runs.timeline import Change, Timeline
 
 from .real_time import late_inputs, record_real_time
 
@@ -37,7 +36,7 @@ def test_a_fall_names_the_limit_in_force(tmp_path):
     )
     path = tmp_path / "fall.mcap"
     assert verdict(plan, path).exit_code == VERIFIED
-    (fell,) = (e for e in Recording.open(path).events() if e.message == Event.FELL)
+    (fell,) = (e for e in Recording.open(path).events("/run/events") if e.message == Event.FELL)
     assert fell.values["limit"] == "0.01"
 
 

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from trunk_core import PACKAGES
+
 from .finished import finished
 
 SOURCES = Path(__file__).parents[1] / "ros2_ws" / "src"
-PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 SHELLS = ("*_node.py", "*/node/*.py")
 
 BLOCKED = """

@@ -6,15 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ros2_ws.src.trunk_experiments.test.test_doubts import fallen
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.facts import Late, late_steps
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay import doubts
-from trunk_experiments.replay.doubts import doubts_of
-from trunk_experiments.runs.loop_inputs import states_of
-from trunk_experiments.runs.offline_recording import record_offline
+from trunk_evidence import doubts
+from trunk_evidence.doubts import doubts_of
+from trunk_evidence.recorded_run import Late, RecordedRun, late_steps
+from trunk_runs.loop import states_of
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 from .real_time import late_inputs, record_real_time
 

@@ -5,8 +5,8 @@ from math import degrees, inf, radians
 import numpy as np
 import pytest
 
-from trunk_experiments.analysis.metrics import QUANTITIES, SETTLING_BAND, metrics
-from trunk_experiments.analysis.run_table import RunTable
+from trunk_evidence.run_metrics import QUANTITIES, SETTLING_BAND
+from trunk_evidence.run_table import RunTable, metrics
 
 
 def table(theta, reference=0.0, torque=0.0, period=0.01) -> RunTable:

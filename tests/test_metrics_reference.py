@@ -8,10 +8,9 @@ import pytest
 from trunk_control.controller import Controller
 from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.pid import PidConfig
-from trunk_experiments.analysis.metrics import metrics
-from trunk_experiments.analysis.run_table import RunTable
-from trunk_msgs_util.samples import JointSample
-from trunk_sim.config import SimulatorConfig
+from trunk_core.samples import JointSample
+from trunk_evidence.run_table import RunTable, metrics
+from trunk_sim.config import TrunkSimulator
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.simulation import Simulation
 
@@ -34,7 +33,7 @@ def fuzzy_pid(**options):
 
 
 def run(controller, steps=10_000) -> RunTable:
-    plant = Simulation(SimulatorConfig(update_rate=1000.0, substeps=10))
+    plant = Simulation(TrunkSimulator(update_rate=1000.0, substeps=10))
     rows = []
     for _ in range(steps + 1):
         truth: JointSample = plant.truth()

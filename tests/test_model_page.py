@@ -12,26 +12,35 @@ from trunk_control import rule_tables
 from trunk_control.computed_torque import computed_torque_update
 from trunk_control.fuzzy import infer
 from trunk_control.fuzzy_pid import FuzzyPidConfig, inferred_gains
-from trunk_control.law import Hip, Sample
-from trunk_control.limits import ANTIWINDUP_BACK_CALCULATION, Limits
+from trunk_control.law import ANTIWINDUP_BACK_CALCULATION, Hip, Limits, Sample
 from trunk_control.lqr import lqr_update
 from trunk_control.pid import PidConfig
 from trunk_control.pid_family import Gains, PidState, combine, error_derivative
-from trunk_experiments.paper.errata import ERRATA
-from trunk_experiments.tuning.linear import linearise
-from trunk_experiments.tuning.methods import ziegler_nichols
-from trunk_msgs_util.mechanics import (
+from trunk_control.state_feedback import state_feedback_update
+from trunk_core.mechanics import (
     Body,
     equations_of_motion,
     forward_dynamics,
     inverse_dynamics,
     path_height,
     path_slope,
+    prescribed_dynamics,
 )
-from trunk_sim.actuator import Actuator, actuator_torque, approach_of, with_friction
+from trunk_sim.config import TrunkSimulator
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.plant import PlantState, energy
-from trunk_sim.step import SensorParameters, sense
+from trunk_sim.plant import PlantState
+from trunk_sim.plants.trunk import energy
+from trunk_sim.step import (
+    Actuator,
+    SensorParameters,
+    actuator_torque,
+    approach_of,
+    sense,
+    with_friction,
+)
+from trunk_studies.paper.errata import ERRATA
+from trunk_studies.tuning.linear import linearise
+from trunk_studies.tuning.methods import ziegler_nichols
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "model.md"
@@ -146,11 +155,12 @@ def test_path_and_equations_of_motion(seed):
     names = ("a_11", "a_12", "a_22", "b_1", "b_2", "Delta")
     assert near(*equations_of_motion(*state, body)) == tuple(symbols[name] for name in names)
     system, _, passive, prescribed = blocks("Equations of motion")
-    for mode, walking in ((passive, False), (prescribed, True)):
+    force, torque = symbols["F"], symbols["tau"]
+    for mode, computed in (
+        (passive, forward_dynamics(*state, force, torque, body)),
+        (prescribed, prescribed_dynamics(*state, torque, body)),
+    ):
         solution = evaluated(mode, symbols)
-        computed = forward_dynamics(
-            *state, symbols["F"], symbols["tau"], body._replace(prescribed=walking)
-        )
         assert near(*computed) == (solution["x_ddot"], solution["theta_ddot"])
     for left, right in system:
         solution = evaluated(passive, symbols)
@@ -261,7 +271,9 @@ def test_lqr_and_computed_torque(seed):
     symbols = evaluated(blocks("LQR")[0], {"G": 4.9, "r_k": 0.3})
     assert near(fed.effort) == (symbols["f_k"],)
 
-    terms = computed_torque_update(PidState(), sample, (gains, body), Limits(derivative=2))[1]
+    terms = computed_torque_update(PidState(), sample, (gains, body, False), Limits(derivative=2))[
+        1
+    ]
     error = 0.3 - state.theta
     law = {"e_k": error, "I_k": 0.01 * error, "D_k": -state.theta_dot}
     law |= dict(zip(("k_p", "k_i", "k_d"), gains, strict=True))
@@ -273,10 +285,19 @@ def test_lqr_and_computed_torque(seed):
     )
 
 
+def test_state_feedback():
+    sample = Sample(0.3, 0.1, -0.4, 0.01, Hip(0.7, -1.1))
+    constants = Gains(0.0, 0.0, 0.0), -30.0, 20.0
+    terms = state_feedback_update(PidState(), sample, constants, Limits())[1]
+    numbers = {"k_x": -30.0, "k_v": 20.0, "q_k": 0.7, "q_dot_k": -1.1}
+    symbols = evaluated(blocks("State feedback")[0], numbers)
+    assert near(terms.effort) == (symbols["f_k"],)
+
+
 def test_linear_model():
     (((left, right),),) = blocks("Linear model, Bode and Nyquist")
     numbers = {"m": 0.7, "l": 1.3, "g": 9.81}
-    linear = linearise(Body(trunk_mass=0.7, length=1.3))
+    linear = linearise(TrunkSimulator(trunk_mass=0.7, length=1.3))
     inertia = value(left, {**numbers, "theta_ddot": 1.0})
     weight, torque = (
         value(right, {**numbers, "theta": theta, "tau": 1.0 - theta}) for theta in (1.0, 0.0)

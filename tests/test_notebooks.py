@@ -39,5 +39,7 @@ def test_a_notebook_runs_and_draws(name, expected, tmp_path, monkeypatch):
     told = "".join(one.get("text", "") for one in outputs)
     told += "".join(one.get("text/plain", "") + one.get("text/html", "") for one in data)
     assert [word for word in words if word not in told] == []
-    assert [one for one in outputs if one.get("name") == "stderr"] == []
+    errors = "".join(one["text"] for one in outputs if one.get("name") == "stderr")
+    lines = errors.splitlines()  # whether code is compiled depends on what ran before
+    assert [line for line in lines if not line.startswith("trunk: compiling ")] == []
     assert list(work.iterdir()) == []

@@ -1,4 +1,4 @@
-"""Each package.xml declares what the package's code and tests import, and nothing else."""
+"""Each package.xml declares what the package's code and tests import, and nothing else: packages below it."""
 
 import ast
 import sys
@@ -7,6 +7,8 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
+
+from trunk_core import PACKAGES as NAMES
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = sorted(path.parent for path in ROOT.glob("ros2_ws/src/*/package.xml"))
@@ -59,3 +61,15 @@ def test_package_xml_declares_what_is_imported(package):
     assert test - NO_IMPORT == tests - NO_IMPORT - run
     assert test >= TESTING
     assert ("ros2launch" in run) == (package / "launch").is_dir()
+    assert (run | test) & {*NAMES} <= {*NAMES[: NAMES.index(package.name)]}
+
+
+def test_the_packages_are_those_of_the_workspace():
+    assert sorted(NAMES) == [package.name for package in PACKAGES]
+    lists = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    for kept in (
+        "packages = [{}",
+        "root_packages = [{}]",
+        "ancestors = [{}]",
+    ):  # of mypy and import-linter
+        assert kept.format("".join(f'\n    "{name}",' for name in NAMES) + "\n") in lists

@@ -1,8 +1,8 @@
 """What all pages do alike, whether live, a report or a lab: on each screen, in the dark, on paper, by key."""
 
 import pytest
-from ros2_ws.src.trunk_experiments.test.graph_double import ServedGraph
-from ros2_ws.src.trunk_experiments.test.page_driver import (
+from ros2_ws.src.trunk_views.test.graph_double import ServedGraph
+from ros2_ws.src.trunk_views.test.page_driver import (
     DESK,
     FITS,
     INK,
@@ -12,12 +12,12 @@ from ros2_ws.src.trunk_experiments.test.page_driver import (
     until,
 )
 
-from trunk_experiments.lab.wasm import missing_tools
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views.report import make_report, write
-from trunk_experiments.views.run_view import RunView
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_experiments.lab.webassembly import missing_tools
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_views.run_report import make_report, write
+from trunk_views.run_view import RunView
 
 from .lab.experiments import page_of
 

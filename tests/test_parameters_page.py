@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from trunk_control.rule_tables import Axes
-from trunk_experiments.plans.plan import make_plan
-from trunk_msgs_util.parameters.files import ParameterFileError
+from trunk_core.parameters.parameter_files import ParameterFileError
+from trunk_runs.plan import make_plan
 
 from .finished import finished
 

@@ -7,17 +7,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import IndexType
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import write_mcap
+from ros2_ws.src.trunk_recording.test.mcap_files import write_mcap
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from trunk_control.laws import law_named
-from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
-from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.samples import JointSample
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import RunTable
+from trunk_recording.cdr import JointStateLayout, layout_of
+from trunk_recording.reader import Recording, RecordingError
 
 TYPE = topics.JOINT_STATE_TYPE
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -121,8 +121,8 @@ def test_each_chunk_is_decompressed_once_for_all_topics(tmp_path, monkeypatch):
         for t in TOPICS
     ]
     path = write_mcap(tmp_path / "a.mcap", samples)
+    monkeypatch.setattr("trunk_recording.reader._KEPT", 0)
     recording = Recording.open(path)
-    monkeypatch.setattr("trunk_msgs_util.recording.reader._KEPT", 0)
     read = []
     original = type(recording.opened[0]).content
     monkeypatch.setattr(

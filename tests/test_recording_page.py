@@ -15,15 +15,19 @@ PAGE = Path(__file__).parents[1] / "docs" / "recording.md"
 
 
 @pytest.mark.slow
-def test_a_recording_is_read_without_this_project(tmp_path, monkeypatch, capsys):
-    (program,) = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
-    assert "trunk_" not in program
+def test_a_recording_is_read_by_the_programs_of_the_page(tmp_path, monkeypatch, capsys):
+    programs = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
+    assert [set(re.findall(r"from (\w+)", program)) for program in programs] == [
+        {"mcap_ros2"},
+        {"trunk_recording"},
+    ]
     monkeypatch.chdir(tmp_path)
     run = trunk.simulate(trunk.plan("demo", duration=0.5), output="fuzzy.mcap")
-    exec(program, {})
+    for program in programs:
+        exec(program, {})
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == len(run)
-    assert lines[-1] == f"{run.t[-1]} {{'hip': {run.x[-1]}, 'trunk': {run.theta[-1]}}}"
+    assert len(lines) == len(run) + 1
+    assert lines[-1] == lines[-2] == f"{run.t[-1]} {{'hip': {run.x[-1]}, 'trunk': {run.theta[-1]}}}"
 
 
 @pytest.fixture

@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 import yaml
 
+from trunk_core.errors import StudyError
+from trunk_core.parameters.declarations import ParameterError, build
+from trunk_core.parameters.parameter_files import ParameterFileError
 from trunk_experiments import api
-from trunk_experiments.errors import StudyError
-from trunk_experiments.plans.nodes import CONTROLLERS, NODES
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.study.rows import make_bases
-from trunk_experiments.study.study import parse_study
-from trunk_msgs_util.parameters.declarations import ParameterError, build
-from trunk_msgs_util.parameters.files import ParameterFileError
+from trunk_runs.nodes import CONTROLLERS, NODES
+from trunk_runs.plan import make_plan
+from trunk_studies.rows import make_bases
+from trunk_studies.study import parse_study
 
 from .refusals import REFUSALS, Refusal
 

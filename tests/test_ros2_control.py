@@ -8,11 +8,11 @@ import yaml
 
 from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.pid import PidConfig
-from trunk_experiments.plans.plan import make_plan
-from trunk_msgs_util import topics
-from trunk_msgs_util.parameters.declarations import build, declarations
-from trunk_msgs_util.parameters.files import read, resolve
-from trunk_sim.config import SimulatorConfig
+from trunk_core import topics
+from trunk_core.parameters.declarations import build, declarations
+from trunk_core.parameters.parameter_files import read, resolve
+from trunk_runs.plan import make_plan
+from trunk_sim.config import TrunkSimulator
 
 ROOT = Path(__file__).parents[1]
 FILES = ROOT / "examples" / "ros2_control"
@@ -34,17 +34,17 @@ def test_the_hardware_is_our_topics_and_the_trunks_joint():
     assert parameters["joint_commands_topic"] == "/" + topics.EFFORT_COMMAND
     assert float(parameters["trigger_joint_command_threshold"]) < 0.0  # send always
     (joint,) = URDF.findall("ros2_control/joint")
-    assert joint.get("name") == SimulatorConfig().joints[1]
+    assert joint.get("name") == TrunkSimulator().joints[1]
     assert [i.get("name") for i in joint.findall("command_interface")] == ["effort"]
     states = [i.get("name") for i in joint.findall("state_interface")]
     assert states == ["position", "velocity", "effort"]
-    assert [j.get("name") for j in URDF.findall("joint")] == list(SimulatorConfig().joints)
+    assert [j.get("name") for j in URDF.findall("joint")] == list(TrunkSimulator().joints)
 
 
 def test_their_controller_has_our_gains():
     theirs = CONTROLLERS["pid_controller"]["ros__parameters"]
     (joint,) = theirs["dof_names"]
-    assert joint == SimulatorConfig().joints[1]
+    assert joint == TrunkSimulator().joints[1]
     assert theirs["command_interface"] == "effort"
     ours = make_plan("demo", "pid", ["pid_ziegler_nichols", "profile_practical"]).controller
     gains = theirs["gains"][joint]
@@ -54,7 +54,7 @@ def test_their_controller_has_our_gains():
 
 
 def test_the_plant_runs_at_their_rate_and_publishes_the_clock():
-    config = configured("simulator.yaml", "simulator", SimulatorConfig)
+    config = configured("simulator.yaml", "simulator", TrunkSimulator)
     rate = CONTROLLERS["controller_manager"]["ros__parameters"]["update_rate"]
     assert config.update_rate == rate
     assert config.publish_clock

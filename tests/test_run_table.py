@@ -3,23 +3,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
 
 from trunk_control.laws import law_named
-from trunk_experiments.analysis.metrics import metrics
-from trunk_experiments.analysis.run_table import COLUMNS, RunTable
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_core.topics import Event
+from trunk_evidence import recorded_run as recorded_run
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import COLUMNS, RunTable, metrics
 from trunk_experiments.commands.export import write_csv
-from trunk_experiments.plans.plan import make_plan, parse_swap
-from trunk_experiments.recorded import run as recorded_run
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording import schemas
-from trunk_msgs_util.recording.joint_state_cdr import layout_of
-from trunk_msgs_util.recording.reader import RecordingError
-from trunk_msgs_util.recording.schemas import event
-from trunk_msgs_util.recording.writer import RecordingWriter
-from trunk_msgs_util.samples import JointSample
+from trunk_recording import schemas
+from trunk_recording.cdr import layout_of
+from trunk_recording.reader import RecordingError
+from trunk_recording.schemas import event
+from trunk_recording.writer import RecordingWriter
+from trunk_runs.plan import make_plan, parse_swap
 
 from .real_time import record_real_time, source_of
 

@@ -11,18 +11,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, Content, content, write, write_file
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, Content, content, write, write_file
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.plan import plan_of
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import VERIFIED, verdict_on
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.schemas import event, parameter_event, parse_parameter_event
-from trunk_sim.operator_input import Applied
+from trunk_core import topics
+from trunk_core.topics import Event
+from trunk_evidence.judgement import VERIFIED, verdict_on
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.repetition import plan_of
+from trunk_recording.reader import Recording, RecordingError
+from trunk_recording.schemas import event, parameter_event, parse_parameter_event
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_sim.inputs import Applied
 
 from .real_time import (
     EVENTS,

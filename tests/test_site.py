@@ -8,9 +8,9 @@ import pytest
 from ros2_ws.src.trunk_experiments.test.documents import VERBS, documents_of
 
 import trunk_experiments.api as trunk
-from trunk_experiments.plans.files import shipped_files
-from trunk_experiments.plans.nodes import NODES
-from trunk_msgs_util.parameters.declarations import declarations
+from trunk_core.parameters.declarations import declarations
+from trunk_runs.nodes import NODES
+from trunk_runs.scenario import shipped_files
 
 from .finished import finished
 
@@ -64,7 +64,7 @@ def test_each_page_is_there_and_asks_no_other_host_for_anything(site):
 def test_the_site_has_the_tables_that_the_repository_has_not(site):
     pages = {
         name: (site / f"{name}.html").read_text(encoding="utf-8")
-        for name in ("parameters", "metrics", "api")
+        for name in ("parameters", "metrics", "api", "plant")
     }
     names = {name for kind in NODES.values() for name in declarations(kind.config)}
     for name in (*names, *shipped_files()):
@@ -74,6 +74,7 @@ def test_the_site_has_the_tables_that_the_repository_has_not(site):
         row = f"<td><code>{' '.join(('trunk', *words))}</code></td>"
         cell = pages["metrics"].partition(row)[2].partition("</tr>")[0]
         assert re.findall(r"<code>([\w-]+)</code>", cell) == list(documents), words
+    assert "CartPoleConfig" in pages["plant"]
     for name in trunk.__all__:
         assert f'id="trunk_experiments.api.{name}"' in pages["api"], name
 

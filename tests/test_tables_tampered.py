@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, content, write
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, content, write
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.replay.verdict import VERIFIED
-from trunk_experiments.replay.verify import verify
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.reader import Recording
+from trunk_evidence.judgement import verify
+from trunk_evidence.verdict import VERIFIED
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 from .tampering.edits import PARAMETERS, at, every, fields, on, to
 

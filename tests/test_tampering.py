@@ -6,11 +6,11 @@ A selection of python -m tests.tampering.check, which edits recordings of the gr
 from collections import Counter
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, KEPT, NONE, content
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, KEPT, NONE, content
 
-from trunk_experiments.recorded.plan import plan_of
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_msgs_util.events import Event
+from trunk_core.topics import Event
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.repetition import plan_of
 
 from .real_time import record_real_time
 from .tampering.bases import OFFLINE, REAL_TIME, make_base

@@ -5,23 +5,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, NONE, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, NONE, copied
 
-from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.plan import make_plan, parse_swap
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.doctor import examine
-from trunk_experiments.replay.explain import explain
-from trunk_experiments.replay.verify import DIVERGES, VERIFIED, verify
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views.plots import overview
-from trunk_experiments.views.report_data import report_data
-from trunk_experiments.views.run_view import RunView
-from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core.errors import PlanError
+from trunk_core.topics import Event
+from trunk_evidence.differences import diff
+from trunk_evidence.doctor import findings
+from trunk_evidence.explanation import explain
+from trunk_evidence.judgement import DIVERGES, VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import RunTable
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan, parse_swap
+from trunk_runs.timeline import Change
+from trunk_views.plots import overview
+from trunk_views.report_data import report_data
+from trunk_views.run_view import RunView
 
 EVENTS = "/run/events"
 
@@ -46,11 +46,15 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     verdict = verify(recording)
     assert verdict.exit_code == VERIFIED
     names = list(plan.controllers)
-    assert recording.controllers == names
+    assert list(RecordedRun(recording).controllers) == names
     assert [part.name for part in verdict.checks[: len(names)]] == [
         f"commands of {name}" for name in names
     ]
-    turns = [(e.message, e.node) for e in recording.events() if e.message.endswith("activated")]
+    turns = [
+        (e.message, e.node)
+        for e in recording.events("/run/events")
+        if e.message.endswith("activated")
+    ]
     assert [node for message, node in turns if message == "activated"] == [
         f"/{name}" for name in (controller, *(swap.split(":")[1] for swap in swaps))
     ]
@@ -75,7 +79,7 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     assert [mark["t"] for mark in marks if mark["kind"] == "turn"] == starts[1:]
     took_over = [explain(RecordedRun(recording), start).took_over for start in starts]
     assert took_over == [False, True, True]
-    assert examine(path) == []  # nothing is missing between two turns
+    assert findings(RecordedRun.open(path)) == []  # nothing is missing between two turns
 
 
 def test_a_controller_that_is_activated_during_the_run_begins_inactive(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
+from ros2_ws.src.trunk_recording.test.mcap_files import (
     ANEW,
     MAGIC,
     chunk,
@@ -30,10 +30,10 @@ from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
 )
 from rosbags.highlevel import AnyReader
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.digests import ATTACHMENTS, DIGESTS, PROVENANCE
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.digests import ATTACHMENTS, DIGESTS, PROVENANCE
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 DATA = (Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.METADATA)
 

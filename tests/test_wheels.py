@@ -16,8 +16,8 @@ import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from trunk_experiments.errors import RunError
-from trunk_experiments.runs.node_processes import claimed_domain
+from trunk_core.errors import RunError
+from trunk_runs.processes import claimed_domain
 
 from .finished import finished
 
@@ -62,22 +62,27 @@ def wheels(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def trunk(wheels, tmp_path_factory):
-    """Return a function that runs ``trunk`` with the wheels alone, outside the checkout.
+def installed(folder, files):
+    """Return a Python outside the checkout in which wheels alone are installed.
 
     Libraries are those of this environment, so that no network is needed; ROS 2 is blocked.
     """
-    folder = tmp_path_factory.mktemp("empty")
     python = folder / "venv" / "bin" / "python"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder / "venv"], check=True)
     pip = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet"]
-    files = sorted(wheels.glob("*.whl"))
     subprocess.run([*pip, "--no-index", "--no-deps", "--no-compile", *files], check=True)
     (site,) = (folder / "venv" / "lib").glob("python*/site-packages")
     (site / "zz_without_ros.py").write_text(WITHOUT_ROS)
     libraries = Path(yaml.__file__).parents[1]
     (site / "libraries.pth").write_text(f"{libraries}\nimport zz_without_ros\n")
+    return python
+
+
+@pytest.fixture(scope="module")
+def trunk(wheels, tmp_path_factory):
+    """Return a function that runs ``trunk`` with the wheels alone."""
+    folder = tmp_path_factory.mktemp("empty")
+    python = installed(folder, sorted(wheels.glob("*.whl")))
 
     def run(*words: str) -> subprocess.CompletedProcess[str]:
         clean = {"PATH": os.defpath, "HOME": str(folder), "MPLBACKEND": "agg"}
@@ -135,6 +140,36 @@ def test_the_wheels_alone_simulate_and_verify(trunk):
     verdict = trunk("verify", "run.mcap")
     assert (verdict.returncode, verdict.stdout.splitlines()[0]) == (0, "run.mcap: verified")
     assert re.search(r"^commit +none$", trunk("info", "run.mcap").stdout, re.MULTILINE)
+
+
+TABLES = """
+import sys
+from trunk_recording.reader import Recording
+
+recording = Recording.open(sys.argv[1])
+joints = {name: None for name, topic in recording.topics.items() if "Joint" in topic.type}
+print(sum(len(table.stamp_ns) for table in recording.tables(joints).values()))
+print(*sorted({*sys.modules} & {*sys.argv[2:]}))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.one_in(4)
+def test_the_wheel_of_recordings_and_what_it_asks_for_read_any_file(wheels, tmp_path):
+    """By the MCAP of another robot, as of our own runs."""
+    (about,) = wheels.glob("trunk_recording-*.whl")
+    with zipfile.ZipFile(about) as archive:
+        (name,) = (n for n in archive.namelist() if n.endswith(".dist-info/METADATA"))
+        metadata = Parser().parsestr(archive.read(name).decode())
+    ours = {r.name for r in map(Requirement, metadata.get_all("Requires-Dist", []))} & NAMES
+    assert ours == {"trunk_core"}
+    python = installed(tmp_path, [about, *(w for n in ours for w in wheels.glob(f"{n}-*.whl"))])
+    for file in sorted((ROOT / "tests/archive").glob("*.mcap")):
+        read = finished(
+            [python, "-c", TABLES, file, *NAMES], cwd=tmp_path, check=True
+        ).stdout.split()
+        assert int(read[0]) > 0
+        assert read[1:] == ["trunk_core", "trunk_recording"]
 
 
 @pytest.mark.one_in(5)

@@ -18,7 +18,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 from trunk_control.controller import Controller
 from trunk_control.controller_node import Inputs
 from trunk_control.fuzzy_pid import FuzzyPidConfig
-from trunk_msgs_util.errors import TrunkError
+from trunk_core.errors import TrunkError
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.ros_parameters import NodeParameters
 

@@ -34,10 +34,9 @@ from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden as is_hidden
 
-from trunk_experiments.errors import LiveParametersError
-from trunk_experiments.live.parameters_node import SET_AGAIN_S, LiveParameters
-from trunk_msgs_util.errors import TrunkError
+from trunk_core.errors import LiveParametersError, TrunkError
 from trunk_msgs_util.node import early_signals, middleware
+from trunk_runs.live_parameters_node import SET_AGAIN_S, LiveParameters
 
 REAL = "the real one comes with ROS 2 Jazzy: https://docs.ros.org/en/jazzy/Installation.html"
 INSTEAD = {"launch": "trunk run SCENARIO", "bag info": "trunk info BAG"}

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
 
-from trunk_experiments.replay.verify import UNJUDGED, verify
-from trunk_msgs_util import provenance
-from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
+from trunk_evidence.judgement import UNJUDGED, verify
+from trunk_recording import provenance
+from trunk_recording.schemas import parameter_event, parse_parameter_event
 
 ARCHIVE = {path.stem: path for path in Path(__file__).parent.glob("*.mcap")}
 VERDICTS = {

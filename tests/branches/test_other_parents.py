@@ -7,18 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
 
-from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.facts import Late, late_steps
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.branch import Branch
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.reader import RecordingError
+from trunk_core.topics import Event
+from trunk_evidence.branching import Branch
+from trunk_evidence.judgement import UNJUDGED, VERIFIED, verdict_on
+from trunk_evidence.recorded_run import Late, RecordedRun, late_steps
+from trunk_evidence.run_table import RunTable
+from trunk_recording.reader import RecordingError
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_runs.timeline import Change
 
 from ..real_time import late_inputs, record_real_time
 from ..same_bits.paths import branched_at

@@ -13,15 +13,14 @@ from string import Template
 from types import ModuleType
 from typing import NamedTuple
 
-from ros2_ws.src.trunk_experiments.test.exported_laws import CHANGES, readings
+from ros2_ws.src.trunk_control.test.exported_laws import CHANGES, readings
 
 from trunk_control.controller import Controller
-from trunk_control.controller_config import ControllerConfig
-from trunk_control.law import Law
+from trunk_control.law import ControllerConfig, Law
 from trunk_control.laws import law_named
-from trunk_experiments.export_c.controller import ExportedController, ExportedStep
-from trunk_experiments.export_c.files import base_files, fill_from_bytes
-from trunk_experiments.plans.nodes import CONTROLLERS
+from trunk_experiments.export_c.exported_controller import ExportedController, ExportedStep
+from trunk_experiments.export_c.library import base_files, fill_from_bytes
+from trunk_runs.nodes import CONTROLLERS
 
 from ..finished import finished
 from .loops import differs, plans_of_one_loop
@@ -85,9 +84,9 @@ def environments() -> Iterator[Environment]:
 
 def template_law() -> Law:
     """Return the law that `trunk controller new` writes, as somebody else's package would have it."""
-    import trunk_experiments.templates as templates
+    import trunk_experiments
 
-    folder = Path(str(templates.__file__)).parent / "controller" / "package"
+    folder = Path(trunk_experiments.__path__[0]) / "templates" / "controller" / "package"
     text = Template((folder / "law.py.in").read_text()).substitute(
         name="my_controller", label="My controller", package="my_controller"
     )

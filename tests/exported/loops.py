@@ -10,44 +10,41 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ros2_ws.src.trunk_experiments.test.c_programs import STRICT, compiled_once
-from ros2_ws.src.trunk_experiments.test.random_plans import random_plan
+from ros2_ws.src.trunk_core.test.c_programs import STRICT, compiled_once
+from ros2_ws.src.trunk_runs.test.random_plans import random_plan
 
 from trunk_control.laws import law_named
-from trunk_experiments.batch.compiled_run import (
-    ROWS,
-    _noise,
-    loop_of,
-    start_of_loop,
-)
-from trunk_experiments.errors import PlanError
-from trunk_experiments.export_c.translate import Program
-from trunk_experiments.export_c.types import at_run_time, type_of
-from trunk_experiments.lab.program import with_value
-from trunk_experiments.plans.plan import RunPlan
-from trunk_experiments.runs.loop_inputs import check_compilable, states_of
-from trunk_experiments.runs.schedule import Schedule
-from trunk_msgs_util.recording.joint_table import Integers
+from trunk_core.arrays import Integers
+from trunk_core.c.translate import Program
+from trunk_core.c.types import at_run_time, type_of
+from trunk_core.errors import PlanError
+from trunk_experiments.lab.webassembly import with_value
+from trunk_runs.loop import Schedule, check_compilable, states_of
+from trunk_runs.plan import RunPlan
+from trunk_studies.batch.compiled_run import ROWS, _noise, loop_of, start_of_loop
 
 NAMES = ("states", "surroundings", "state", "participants", "noise", "history", "schedule", "out")
 
 
-def loop_and_arguments(plan: RunPlan) -> tuple[Any, tuple[Any, ...]]:
+def loop_and_arguments(
+    plan: RunPlan, stamp_ns: Integers | None = None
+) -> tuple[Any, tuple[Any, ...]]:
     """Return a plan's loop, and its arguments as compiled code takes them."""
     states = states_of(plan)
     surroundings, state, participants = start_of_loop(plan)
     history = np.zeros((plan.simulator.delay_steps + 1, 4))
     out = np.zeros((ROWS, states))
-    rest = (_noise(plan, states), history, Schedule(stamp_ns=jittered_stamps(plan, states)), out)
-    loop = loop_of(*(law_named(name) for name in plan.controllers))
+    rest = (_noise(plan, states), history, Schedule(stamp_ns=stamp_ns), out)
+    laws = (law_named(name) for name in plan.controllers)
+    loop = loop_of(*laws, dynamics=plan.simulator.dynamics)
     return loop, (states, surroundings, state, participants, *rest)
 
 
-def jittered_stamps(plan: RunPlan, states: int) -> Integers | None:
+def jittered_stamps(plan: RunPlan) -> Integers | None:
     """Return stamps as of a robot's clock, off by up to a tenth of a period, for every third random plan."""
     if plan.simulator.seed % 3:
         return None
-    period_ns = plan.simulator.period_ns
+    states, period_ns = states_of(plan), plan.simulator.period_ns
     off = np.random.default_rng(plan.simulator.seed).integers(0, period_ns // 5, states)
     return np.arange(states) * period_ns + off
 
@@ -79,9 +76,9 @@ def closed_loop(loop: Any, arguments: tuple[Any, ...]) -> str:
     return f"{program.library(tail)}\n{tail}\n"
 
 
-def table_in_c(plan: RunPlan, folder: Path) -> tuple[Any, bool]:
+def table_in_c(plan: RunPlan, folder: Path, stamp_ns: Integers | None = None) -> tuple[Any, bool]:
     """Return the table of a plan's run as the loop in C fills it, and True if the plant diverged."""
-    loop, arguments = loop_and_arguments(plan)
+    loop, arguments = loop_and_arguments(plan, stamp_ns)
     source, library = folder / "loop.c", folder / "loop.so"
     source.write_text(closed_loop(loop, arguments))
     compiler = shutil.which("gcc") or shutil.which("clang") or "cc"
@@ -98,10 +95,11 @@ def table_in_c(plan: RunPlan, folder: Path) -> tuple[Any, bool]:
 
 def compare(plan: RunPlan, folder: Path) -> bool:
     """Return whether a plan's run in C has the bits of CPython's."""
-    loop, arguments = loop_and_arguments(plan)
+    stamp_ns = jittered_stamps(plan)
+    loop, arguments = loop_and_arguments(plan, stamp_ns)
     states, expected_divergence, _ = loop(*arguments)
     expected = arguments[-1][:, :states]
-    table, diverged = table_in_c(plan, folder)
+    table, diverged = table_in_c(plan, folder, stamp_ns)
     if diverged != expected_divergence or table.shape != expected.shape:
         return False
     equal = table.view(np.int64) == expected.copy().view(np.int64)

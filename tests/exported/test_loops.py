@@ -4,11 +4,11 @@ import shutil
 
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_experiments.test.random_plans import random_plan
+from ros2_ws.src.trunk_runs.test.random_plans import random_plan
 
-from trunk_experiments.export_c.translate import Program
-from trunk_experiments.export_c.types import type_of
-from trunk_experiments.plans.nodes import CONTROLLERS
+from trunk_core.c.translate import Program
+from trunk_core.c.types import type_of
+from trunk_runs.nodes import CONTROLLERS
 from trunk_sim.links import DRAWS, Link, simulate_link
 from trunk_sim.noise import fill
 

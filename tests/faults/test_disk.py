@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.errors import RunError
-from trunk_experiments.runs.graph import _own_recording
-from trunk_experiments.runs.node_processes import NodeProcess
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+from trunk_core.errors import RunError
 from trunk_msgs_util.source import process_id
+from trunk_recording.reader import Recording
+from trunk_recording.writer import PROVENANCE, RecordingWriter
+from trunk_runs.graph import _own_recording
+from trunk_runs.processes import NodeProcess
 
 from ..graph.peer import Peer
 from ..graph.processes import Child, Children, until

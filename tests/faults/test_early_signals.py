@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.plans.nodes import NODES as KINDS
-from trunk_experiments.runs.node_processes import find_executable
+from trunk_runs.nodes import NODES as KINDS
+from trunk_runs.processes import find_executable
 
 from ..finished import finished
 from ..graph import forked

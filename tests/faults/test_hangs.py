@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import pytest
 
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
 
 from ..graph.peer import Peer
 from ..graph.processes import Children, until

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
 
 from ..graph.peer import Peer
 from ..graph.processes import Child, Children, until

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_experiments.runs.monitor_node import Monitor
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core import topics
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_recording.reader import Recording
+from trunk_runs.monitor_node import Monitor
 
 from ..graph.peer import Peer
 from ..graph.processes import Child, Children
@@ -54,7 +54,7 @@ def test_a_second_run_is_refused_before_it_starts_anything(
     assert not (tmp_path / "second").exists()
     assert first.process.poll() is None
     first.stop()
-    events = Recording.open(tmp_path / "first" / "run.mcap").events()
+    events = Recording.open(tmp_path / "first" / "run.mcap").events("/run/events")
     assert [e.node for e in events if e.message == "configured"].count("/simulator") == 1
 
 
@@ -90,10 +90,14 @@ def start(children: Children, name: str, more: tuple[str, ...], again: str = "")
 
 def recorded_once(path: Path) -> Recording:
     recording = Recording.open(path)
-    nodes = {event.node for event in recording.events() if event.message == "configured"}
+    nodes = {
+        event.node for event in recording.events("/run/events") if event.message == "configured"
+    }
     assert nodes == {f"/{name}" for name in SET}
-    assert len([e for e in recording.events() if e.message == "configured"]) == len(SET)
-    assert len([p for p in recording.parameter_messages() if p.new]) == len(SET)
+    assert len([e for e in recording.events("/run/events") if e.message == "configured"]) == len(
+        SET
+    )
+    assert len([p for p in recording.parameter_messages("/run/parameters") if p.new]) == len(SET)
     return recording
 
 

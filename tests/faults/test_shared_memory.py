@@ -12,9 +12,9 @@ import pytest
 
 from trunk_control.controller_node import ControllerNode
 from trunk_control.pid import LAW
+from trunk_core.parameters.declarations import ParameterError
 from trunk_msgs_util.node import middleware
-from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
 
 from ..failed import FAILED
 from ..graph.processes import PATIENT, Children, until

@@ -9,22 +9,18 @@ from typing import Any, NamedTuple
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
-from ros2_ws.src.trunk_experiments.test.random_plans import NOT_DRAWN, OF_FUZZY_PID
+from ros2_ws.src.trunk_runs.test.random_plans import NOT_DRAWN, OF_FUZZY_PID
 
-from trunk_experiments.plans.nodes import NODES
-from trunk_msgs_util.parameters.declarations import declarations
-from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
-from trunk_msgs_util.recording.schemas import (
+from trunk_core.parameters.declarations import declarations
+from trunk_core.topics import DIAGNOSTIC_ARRAY_TYPE, JOINT_STATE_TYPE, PARAMETER_EVENT_TYPE
+from trunk_recording.cdr import JointStateLayout
+from trunk_recording.schemas import (
     ParameterChange,
     parameter_event,
     parse_event,
     parse_parameter_event,
 )
-from trunk_msgs_util.topics import (
-    DIAGNOSTIC_ARRAY_TYPE,
-    JOINT_STATE_TYPE,
-    PARAMETER_EVENT_TYPE,
-)
+from trunk_runs.nodes import NODES
 
 _SIZE = 16  # bytes of a digest
 _HEAD = struct.Struct("<qI")

@@ -7,20 +7,20 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from ros2_ws.src.trunk_experiments.test.random_plans import links_and_drives, random_plan
+from ros2_ws.src.trunk_runs.test.random_plans import links_and_drives, random_plan
 
-from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.plan import RunPlan, Swap, make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import verdict_on
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
-from trunk_msgs_util.parameters.declarations import Value, build, values_of
-from trunk_msgs_util.recording.reader import Recording
-from trunk_sim.config import SimulatorConfig
-from trunk_sim.operator_input import Applied
+from trunk_core import topics
+from trunk_core.errors import PlanError
+from trunk_core.parameters.declarations import Value, build, values_of
+from trunk_core.topics import Event
+from trunk_evidence.judgement import verdict_on
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import RunPlan, Swap, make_plan
+from trunk_runs.timeline import Change
+from trunk_sim.config import TrunkSimulator
+from trunk_sim.inputs import Applied
 from trunk_sim.simulation import DivergedError
 
 from .contents import digests_of
@@ -80,7 +80,7 @@ def linked(index: int, lockstep: bool = False) -> RunPlan:
         everywhere |= _LOCKSTEP
     plan = make_plan(scenario, law, everywhere=everywhere)
     values = {**values_of(plan.simulator), **links_and_drives(rng, plan.simulator.update_rate)}
-    return replace(plan, simulator=build(SimulatorConfig, values))
+    return replace(plan, simulator=build(TrunkSimulator, values))
 
 
 # What may happen to a node; None: a reset.

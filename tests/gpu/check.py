@@ -20,23 +20,19 @@ from typing import Any
 
 import click
 import numpy as np
-from ros2_ws.src.trunk_experiments.test.cpp_device import CppDevice
-from ros2_ws.src.trunk_experiments.test.random_plans import random_plan
+from ros2_ws.src.trunk_runs.test.random_plans import random_plan
+from ros2_ws.src.trunk_studies.test.cpp_device import CppDevice
 
-from trunk_experiments.batch.block import Lanes, Maker, Outcomes, make_runs
-from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.batch.cuda import CudaDevice
-from trunk_experiments.batch.kernel import OnDevice
-from trunk_experiments.batch.varied import Rows, Varied, each_run
-from trunk_experiments.batch.workers import as_completed_bounded, worker_pool
-from trunk_experiments.plans.plan import RunPlan
-from trunk_experiments.study.study import parse_study
-from trunk_experiments.study.sweep import SweepJob, device_runner
-from trunk_msgs_util.parameters.declarations import (
-    changed,
-    declarations,
-    values_of,
-)
+from trunk_core.parameters.declarations import changed, declarations, values_of
+from trunk_runs.plan import RunPlan
+from trunk_studies.batch.block import Lanes, Maker, Outcomes, make_runs
+from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.cuda import CudaDevice
+from trunk_studies.batch.kernel import OnDevice
+from trunk_studies.batch.varied import Rows, Varied, each_run
+from trunk_studies.batch.workers import as_completed_bounded, worker_pool
+from trunk_studies.study import parse_study
+from trunk_studies.sweep_execution import SweepJob, device_runner
 
 _FIRST = 1000  # of the plans: none that a test draws
 _MOST = 6  # numbers that vary in a study

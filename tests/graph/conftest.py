@@ -28,8 +28,12 @@ class Domains:
     """Hands out ROS domains that nobody is in: no other test session, no other nodes."""
 
     def __init__(self) -> None:
-        """Begin with TRUNK_TEST_DOMAIN; without it, with a number from the process id."""
-        self._next = int(os.environ.get("TRUNK_TEST_DOMAIN", os.getpid()))
+        """Begin with TRUNK_TEST_DOMAIN; without it, with a number from the process id.
+
+        Workers, whose ids follow one another, begin far apart: a node that a test has left holds its name in
+        the domain until it is collected.
+        """
+        self._next = int(os.environ.get("TRUNK_TEST_DOMAIN", 29 * os.getpid()))
         self._lock = socket.socket(socket.AF_UNIX)
 
     def choose(self) -> int:

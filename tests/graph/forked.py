@@ -23,7 +23,7 @@ _CONTEXT.set_forkserver_preload(
         "trunk_sim.simulator_node",
         "trunk_sim.disturbance_node",
         "trunk_control.controller_node",
-        "trunk_experiments.runs.graph",
+        "trunk_runs.graph",
         "trunk_experiments.cli",
     ]
 )

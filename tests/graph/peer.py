@@ -16,10 +16,10 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_core.samples import JointSample
 from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
-from trunk_msgs_util.samples import JointSample
 
 from .processes import Child
 

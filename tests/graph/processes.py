@@ -15,9 +15,9 @@ from typing import Any
 
 import pytest
 
-from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.runs.node_processes import find_executable
-from trunk_msgs_util.deadline import Deadline
+from trunk_core.deadline import Deadline
+from trunk_runs.nodes import NODES
+from trunk_runs.processes import find_executable
 
 from .forked import Forked
 

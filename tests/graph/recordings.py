@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from mcap.reader import make_reader
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_table import JointTable
-from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_core import topics
+from trunk_recording.joint_table import JointTable
+from trunk_recording.reader import Recording, RecordingError
 
 
 def finished_file(path: Path) -> Counter[str]:
@@ -24,7 +24,7 @@ def finished_file(path: Path) -> Counter[str]:
 
 
 def joints(recording: Recording, topic: str) -> JointTable:
-    return recording.joints(recording.topic(topic))
+    return recording.joints(f"/{topic}")
 
 
 def assert_every_step(recording: Recording, period_ns: int, states: int) -> None:

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
 from sensor_msgs.msg import JointState
 
-from trunk_experiments.replay.verify import UNJUDGED, verify
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core import topics
+from trunk_evidence.judgement import UNJUDGED, verify
+from trunk_recording.reader import Recording
 
 from .peer import Peer
 from .processes import Children

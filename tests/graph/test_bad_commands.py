@@ -10,10 +10,10 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_core.samples import JointSample
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
-from trunk_msgs_util.samples import JointSample
 
 from .peer import Peer
 from .processes import Children

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.node_processes import find_executable
+from trunk_runs.nodes import NODES
+from trunk_runs.plan import make_plan
+from trunk_runs.processes import find_executable
 
 from ..refusals import REFUSALS, Refusal
 from .peer import Peer

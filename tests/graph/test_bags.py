@@ -8,9 +8,9 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 
-from trunk_msgs_util.events import Event
+from trunk_core.topics import Event
 from trunk_msgs_util.node.recorder_node import _MESSAGES
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
 
 from .peer import Peer
 from .processes import Children

@@ -4,18 +4,18 @@ import struct
 from pathlib import Path
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
 from std_srvs.srv import Trigger
 
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.branch import Branch
-from trunk_experiments.replay.diff import RunDiff, diff
-from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verdict_on
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_core.topics import Event
+from trunk_core.units import nanoseconds, seconds
+from trunk_evidence.branching import Branch
+from trunk_evidence.differences import RunDiff, diff
+from trunk_evidence.judgement import DIVERGES, UNJUDGED, VERIFIED, verdict_on
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
-from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.units import nanoseconds, seconds
 
 from ..same_bits.paths import branched_at, difference
 from .peer import Peer

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
 
 from .processes import Children
 from .recordings import finished_file
@@ -18,7 +18,7 @@ from functools import partial
 from trunk_control.controller_node import ControllerNode
 from trunk_control.laws import law_named
 from trunk_msgs_util.node.recorder_node import RecorderNode
-from trunk_msgs_util.node.run import run_nodes
+from trunk_msgs_util.node.execution import run_nodes
 from trunk_sim.simulator_node import SimulatorNode
 
 def raising(node_class, method, after):

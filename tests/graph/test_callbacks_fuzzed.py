@@ -34,12 +34,12 @@ from rclpy.signals import SignalHandlerOptions
 
 from trunk_control.controller_node import ControllerNode
 from trunk_control.laws import law_named
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_core.parameters.declarations import Declaration, declarations, values_of
+from trunk_core.samples import JointSample
+from trunk_core.units import LAST_STAMP_NS
 from trunk_msgs_util.node.base import ENDING, TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
-from trunk_msgs_util.parameters.declarations import Declaration, declarations, values_of
-from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.units import LAST_STAMP_NS
 from trunk_sim.simulator_node import SimulatorNode
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]

@@ -9,13 +9,13 @@ import yaml
 from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core import topics
+from trunk_evidence.differences import diff
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 from ..same_bits.scenarios import SCENARIOS
 from .processes import Children

@@ -7,12 +7,12 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_core.samples import JointSample
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.schemas import event as encoded
-from trunk_msgs_util.samples import JointSample
+from trunk_recording.reader import Recording
+from trunk_recording.schemas import event as encoded
 
 from .peer import Peer
 from .processes import Children, until
@@ -43,7 +43,7 @@ def test_a_node_ends_when_its_evidence_is_recorded(
     recording = Recording.open(tmp_path / "run.mcap")
     assert recording.topics["/pid/state"].count == 10
     assert recording.topics["/effort_command"].count == 10
-    told = [event for event in recording.events() if event.message == "published"]
+    told = [event for event in recording.events("/run/events") if event.message == "published"]
     assert [event.values for event in told] == [{"/effort_command": "10", "/pid/state": "10"}]
 
 

@@ -19,8 +19,9 @@ from rclpy.waitable import NumberOfEntities, Waitable
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from trunk_msgs_util.node import executor, qos, run
-from trunk_msgs_util.node.executor import LoopExecutor
+from trunk_msgs_util.node import execution as run
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.execution import LoopExecutor
 
 pytestmark = pytest.mark.graph
 
@@ -157,7 +158,7 @@ def test_timers_wait_two_milliseconds_for_messages_at_most(
         now_ns += 500_000
         return True  # messages never end
 
-    monkeypatch.setattr(executor, "time", SimpleNamespace(monotonic_ns=lambda: now_ns))
+    monkeypatch.setattr(run, "time", SimpleNamespace(monotonic_ns=lambda: now_ns))
     monkeypatch.setattr(LoopExecutor, "_take_messages", take)
     loop.every(1e-9, lambda: calls.append(now_ns))
     while now_ns < 50_000_000:
@@ -170,7 +171,7 @@ def test_after_a_wait_that_a_message_ended_more_of_them_collect(
 ) -> None:
     ready, slept = ["a message"], list[float]()
     clock = SimpleNamespace(monotonic_ns=time.monotonic_ns, sleep=slept.append)
-    monkeypatch.setattr(executor, "time", clock)
+    monkeypatch.setattr(run, "time", clock)
     monkeypatch.setattr(loop.executor, "_linger_s", lambda: 0.01)
     loop.executor.spin_once(0.0)
     waited = MagicMock(get_ready_entities=lambda kind: ready if kind == "subscription" else [])

@@ -9,9 +9,9 @@ from shutil import which
 
 import pytest
 
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_evidence.judgement import UNJUDGED, VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun
 
 from .processes import Child, Children
 from .verbs import said
@@ -162,9 +162,6 @@ def test_a_node_that_hears_nothing_is_silent_and_its_policy_named(
         assert shown.stdout.startswith(
             "SILENT: no command from mine was in force (0 of 1000 steps)\n"
         )
-    checked = children.trunk("controller", "check-node", "--wait", 5, name="check")
-    assert checked.wait() != 0
-    assert fault in checked.stderr
     node.stop(signal.SIGKILL)
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from std_msgs.msg import Float64MultiArray
 
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_evidence.judgement import VERIFIED, verify
 from trunk_msgs_util.node import qos
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
 
 from .peer import Peer
 from .processes import Child, Children

@@ -9,13 +9,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_core.topics import Event
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.samples import JointSample
+from trunk_recording.reader import Recording
 
 from .peer import Peer
 from .processes import Child, Children, until
@@ -237,7 +238,7 @@ def test_nodes_of_any_name_are_recorded_and_judged(
     assert not any("fuzzy_pid" in name for name in counts)
     recording = Recording.open(tmp_path / "run.mcap")
     assert recording.complete, recording.warnings
-    assert recording.controllers == ["pid"]  # goes by what it is
+    assert RecordedRun(recording).controllers == ("pid",)  # goes by what it is
     verdict = verify(recording)
     assert verdict.exit_code == VERIFIED, verdict.reasons
     assert verdict.checks[0].name == "commands of pid"

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.replay.verdict import Verdict
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_evidence.judgement import UNJUDGED, VERIFIED, verify
+from trunk_evidence.verdict import Verdict
 from trunk_msgs_util.node.conversions import stamp_from_ros
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
+from trunk_runs.plan import make_plan
 
 from .peer import Peer
 from .processes import Children
@@ -163,7 +163,7 @@ def test_a_recorder_that_was_inactive_for_a_while(
     peer.until(lambda: len(truth) > later, "the run goes on")
     assert [simulator.stop(), pid.stop(), recorder.stop()] == [0, 0, 1], recorder.stderr
     recording = Recording.open(tmp_path / "run.mcap")
-    turns = [e.message for e in recording.events() if e.node == "/recorder"]
+    turns = [e.message for e in recording.events("/run/events") if e.node == "/recorder"]
     assert turns[-2:] == ["deactivated", "activated"]
     verdict = verify(recording)
     assert verdict.exit_code == UNJUDGED, verdict

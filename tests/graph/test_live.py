@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verdict import UNJUDGED, VERIFIED
-from trunk_experiments.replay.verify import verdict_on
-from trunk_experiments.runs.node_processes import claimed_domain
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_evidence.judgement import verdict_on
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.verdict import UNJUDGED, VERIFIED
+from trunk_runs.processes import claimed_domain
 
 from .live_page import LivePage, start_live
 from .peer import Peer
@@ -29,7 +29,7 @@ def gateway_pid(child: Any) -> int:
 
     def found() -> int | None:
         for pid in map(int, path.read_text().split()):
-            if b"trunk_experiments.gateway" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            if b"trunk_views.live" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 return pid
         return None
 

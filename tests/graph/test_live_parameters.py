@@ -10,9 +10,9 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 
 from trunk_control.rule_tables import KP_AS_PRINTED
+from trunk_core.samples import JointSample
 from trunk_msgs_util.node.conversions import stamp_from_ros
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.samples import JointSample
+from trunk_recording.reader import Recording
 
 from ..refusals import REFUSALS
 from .peer import Peer
@@ -194,7 +194,7 @@ def test_change_in_a_recorded_run_is_replayed(children: Children, peer: Peer) ->
 
     recording = Recording.open(folder / "run.mcap")
     assert recording.complete, recording.warnings
-    changes = recording.parameter_changes()
+    changes = [c for c in recording.parameter_messages("/run/parameters") if c.changed]
     nodes = sorted(change.node for change in changes)
     assert nodes == ["/fuzzy_pid", "/fuzzy_pid", "/simulator", "/simulator"]
     assert all(0 < change.stamp_ns < 5_000_000_000 for change in changes)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.run import RecordedRun
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_runs.plan import make_plan
 
 from ..same_bits.paths import difference, reference
 from ..same_bits.scenarios import SCENARIOS
@@ -26,8 +26,8 @@ from pathlib import Path
 root, name, folder, *order = sys.argv[1:]
 sys.path.insert(0, root)
 from tests.same_bits.scenarios import SCENARIOS
-from trunk_experiments.runs.run_files import RunFiles
-from trunk_experiments.runs.graph import run_graph
+from trunk_runs.run_files import RunFiles
+from trunk_runs.graph import run_graph
 
 run_graph(SCENARIOS[name].plan(lockstep=True), RunFiles(Path(folder)), lambda t: None, order)
 """
@@ -37,7 +37,7 @@ BUSY = "while True: pass"
 @pytest.mark.parametrize(
     "name",
     [
-        *("a gait", "files and random pulses", "a drive", "more links"),
+        *("a gait", "a cart-pole", "files and random pulses", "a drive", "more links"),
         *(
             pytest.param(name, marks=pytest.mark.one_in(8))
             for name in ("fuzzy", "swaps", "disturbed")

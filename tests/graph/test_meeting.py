@@ -8,10 +8,10 @@ from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from trunk_msgs_util import topics
+from trunk_core import topics
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import stamp_from_ros
-from trunk_msgs_util.recording.schemas import event
+from trunk_recording.schemas import event
 
 from .peer import Peer
 from .processes import Children, until

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.runs.node_processes import find_executable
+from trunk_runs.processes import find_executable
 
 from .processes import Child, Children, until
 from .verbs import said, verified

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from sensor_msgs.msg import JointState
 
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import stamp_from_ros, stamp_to_ros
-from trunk_sim.operator_input import Applied
+from trunk_sim.inputs import Applied
 
 from ..same_bits.paths import difference
 from .peer import Peer

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.plans.nodes import CONTROLLERS
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util.recording.reader import Recording
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_recording.reader import Recording
+from trunk_runs.nodes import CONTROLLERS
 
 from .peer import Peer
 from .processes import Child, Children, until
@@ -118,10 +118,10 @@ def test_a_controller_of_ones_own(children: Children, peer: Peer, tmp_path: Path
     name = "my_controller"
     assert name not in CONTROLLERS
     text = said(shell(children, page("controllers"), "sh"))
-    assert f"({name}): 17 of 18 kept, 1 noted" in text  # its default file has the former slope
+    assert f"({name}): 19 of 20 kept, 1 noted" in text  # its default file has the former slope
     assert text.count(": verified\n") == 4
     assert "100 runs: 100 ok, 0 diverged, 0 refused" in text
-    assert "18 passed" in text
+    assert "20 passed" in text
     workspace = tmp_path / "my_ws"
     law = workspace / "src" / name / name / "law.py"
     assert len(law.read_text("utf-8").splitlines()) <= 40
@@ -137,3 +137,17 @@ def test_a_controller_of_ones_own(children: Children, peer: Peer, tmp_path: Path
     node = children.start("node", "bash", "-c", in_workspace + alone)
     peer.until_event("alone", "activated")
     assert node.stop() == 0, node.stderr
+
+
+@pytest.mark.one_in(8)
+def test_a_plant_of_ones_own(children: Children, tmp_path: Path) -> None:
+    text = said(shell(children, page("plant"), "sh"))
+    assert "My plant (my_plant): " in text
+    assert "NOT KEPT" not in text
+    assert text.count(": verified\n") == 3
+    assert " passed" in text
+    workspace = tmp_path / "my_ws"
+    same = f"cd {workspace} && source install/setup.bash && trunk diff lockstep mine.mcap"
+    difference = children.start("diff", "bash", "-c", same)
+    difference.wait()
+    assert "bit for bit\n" in difference.stdout

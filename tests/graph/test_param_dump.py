@@ -9,9 +9,9 @@ import yaml
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
 
-from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_experiments.runs.launching import ARGUMENTS, launch_plan
-from trunk_msgs_util.parameters.declarations import values_of
+from trunk_core.parameters.declarations import values_of
+from trunk_runs.plan import RunPlan, make_plan
+from trunk_runs.processes import ARGUMENTS, launch_plan
 
 from .peer import Peer
 from .processes import Children

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import ENDS
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_core.topics import ENDS
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
-from trunk_msgs_util.recording.joint_table import JointTable
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import process_id
+from trunk_recording.joint_table import JointTable
+from trunk_recording.reader import Recording
 
 from .peer import Peer
 from .processes import Child, Children
@@ -111,12 +111,16 @@ def test_a_run_in_real_time_has_all_that_acted(
     assert {values[1] for *_, values in pushes.values()} <= {0.0, 2.0}
     torques_follow(found, commands)
     counts = [
-        e.values for e in found.events() if e.message == "published" and "simulator" in e.node
+        e.values
+        for e in found.events("/run/events")
+        if e.message == "published" and "simulator" in e.node
     ]
     assert counts[0]["/plant/inputs"] == counts[0]["/joint_states"] == "201"
     # Everything that is recorded names its source.
     (plant,) = {
-        e.source for e in found.events() if e.node == "/simulator" and e.message == "started"
+        e.source
+        for e in found.events("/run/events")
+        if e.node == "/simulator" and e.message == "started"
     }
     assert plant.startswith("simulator@")
     for topic, sender in (
@@ -127,7 +131,7 @@ def test_a_run_in_real_time_has_all_that_acted(
         (topics.controller_state("pid"), source["pid"]),
     ):
         assert joints(found, topic).frames == (sender,), topic
-    for message in (*found.events(), *found.parameter_messages()):
+    for message in (*found.events("/run/events"), *found.parameter_messages("/run/parameters")):
         name = message.node.lstrip("/")
         known = {**source, "simulator": plant}[name]
         # The disturbance learns from the first state that it is in real time.
@@ -188,7 +192,7 @@ def test_however_a_run_ends_its_last_state_has_a_row(
         peer.until_received(command)
     assert simulator.wait() == 1, simulator.stderr
     found = recorded(tmp_path, recorder)
-    (end,) = (e for e in found.events() if e.message in ENDS)
+    (end,) = (e for e in found.events("/run/events") if e.message in ENDS)
     assert end.message == word
     assert len(joints(found, topics.PLANT_INPUTS)) == int(end.values["states"])
     in_force = acted(found, COMMAND)

@@ -6,8 +6,8 @@ import pytest
 import yaml
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_runs.plan import make_plan
 
 from .peer import Peer
 from .processes import Children

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import stamp_of
+from ros2_ws.src.trunk_recording.test.mcap_files import stamp_of
 
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.schemas import deserialize
+from trunk_core import topics
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_recording.reader import Recording
+from trunk_recording.schemas import deserialize
 
 from .processes import Children
 from .recordings import finished_file

@@ -21,14 +21,14 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_core.topics import Event
 from trunk_msgs_util.node.base import ENDING
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.node.recorder_node import RecorderNode
-from trunk_msgs_util.recording.schemas import event, parameter_event
-from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import process_id
+from trunk_recording.schemas import event, parameter_event
 from trunk_sim.disturbance_node import DisturbanceNode
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from std_srvs.srv import SetBool, Trigger
 
-from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_evidence.judgement import VERIFIED, verify
 from trunk_msgs_util.node.conversions import stamp_from_ros
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
 
 from .peer import Event, Peer
 from .processes import Children
@@ -91,7 +91,7 @@ def test_reset_and_pause_in_a_run(children: Children, peer: Peer, tmp_path: Path
     recording = Recording.open(tmp_path / "run.mcap")
     assert recording.complete, recording.warnings
     assert_every_step(recording, PERIOD_NS, len(joints(recording, "joint_states")))
-    told = [(event.node, event.message) for event in recording.events()]
+    told = [(event.node, event.message) for event in recording.events("/run/events")]
     for message in ("started", "reset", "paused", "resumed", "finished"):
         assert ("/simulator", message) in told
     assert ("/pid", "reset") in told

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
-from trunk_msgs_util.recording.reader import Recording
+from trunk_evidence.judgement import UNJUDGED, VERIFIED, verify
+from trunk_recording.reader import Recording
 
 from .peer import Peer
 from .processes import Child, Children, until
@@ -122,7 +122,11 @@ def test_stopped(
     if reason == EARLY:
         assert nodes["recorder"].stderr.splitlines()[-1].endswith(f"INCOMPLETE: {EARLY}")
         return
-    (end,) = (event for event in recording.events() if event.message in ("stopped", "finished"))
+    (end,) = (
+        event
+        for event in recording.events("/run/events")
+        if event.message in ("stopped", "finished")
+    )
     for topic in ("/ground_truth/joint_states", "/joint_states"):
         assert recording.topics[topic].count == int(end.values["states"])
 

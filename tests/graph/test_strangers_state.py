@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, verify
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_core.topics import Event
+from trunk_evidence.judgement import DIVERGES, UNJUDGED, verify
 from trunk_msgs_util.node.conversions import sample_to_ros
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.samples import JointSample
+from trunk_recording.reader import Recording
 
 from .peer import Peer
 from .processes import Children

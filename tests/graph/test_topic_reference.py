@@ -7,12 +7,12 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_core.topics import Event
+from trunk_evidence.judgement import VERIFIED, verify
 from trunk_msgs_util.node.conversions import stamp_from_ros
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.samples import JointSample
+from trunk_recording.reader import Recording
 
 from .peer import Peer
 from .processes import Children

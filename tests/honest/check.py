@@ -32,13 +32,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
-from trunk_experiments.replay.verdict import DIVERGES, UNJUDGED, VERIFIED
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_core.topics import Event
+from trunk_evidence.verdict import DIVERGES, UNJUDGED, VERIFIED
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import sample_to_ros
-from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.samples import JointSample
+from trunk_recording.reader import Recording, RecordingError
 
 from ..graph import play as graph
 from ..graph.conftest import Domains

@@ -9,20 +9,21 @@ from dataclasses import replace
 import numpy as np
 
 from trunk_control.laws import law_named
-from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.nodes import CONTROLLERS, NODES
-from trunk_experiments.plans.plan import check_rates
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.recorded.turns import idle_ns
-from trunk_experiments.replay.rerun import Rerun
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_core.arrays import Integers
+from trunk_core.errors import PlanError
+from trunk_core.parameters.declarations import Value, declarations
+from trunk_core.topics import ENDS, Event
+from trunk_core.units import nanoseconds, seconds, step_count
+from trunk_evidence.evidence import idle_ns
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.rerun import Rerun
 from trunk_msgs_util.completeness import OF_STATES, OF_STATES_IN_REAL_TIME, Account
-from trunk_msgs_util.events import ENDS, Event
-from trunk_msgs_util.parameters.declarations import Value, declarations
-from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
-from trunk_msgs_util.recording.joint_table import QUANTITIES, Integers
-from trunk_msgs_util.units import nanoseconds, seconds, step_count
-from trunk_sim.config import SimulatorConfig
+from trunk_recording.cdr import JointStateLayout
+from trunk_recording.joint_table import QUANTITIES
+from trunk_runs.nodes import CONTROLLERS, NODES
+from trunk_runs.plan import check_rates
+from trunk_sim.config import TrunkSimulator
 from trunk_sim.links import Traffic
 
 _MODES = {"real_time": False, "lockstep": True}  # is lockstep.enabled set?
@@ -67,7 +68,7 @@ def _joints(run: RecordedRun) -> Iterator[str]:
         },
     }
     for relative, (names, quantities) in expected.items():
-        topic = run.recording.topics.get(run.recording.topic(relative))
+        topic = run.recording.topics.get(run.topic(relative))
         if topic is None or names is None:
             continue
         position, velocity, effort = (len(names) * (q in quantities) for q in QUANTITIES)
@@ -85,7 +86,7 @@ def _described(layout: JointStateLayout) -> str:
 
 def _start_and_end(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     """Yield a line where the run does not begin and end once, as its parameters and its last state say."""
-    config: SimulatorConfig = rerun.simulator.config
+    config: TrunkSimulator = rerun.simulator.config
     events = rerun.simulator.events
     started = [event for event in events if event.message == Event.STARTED]
     if len(started) != 1:
@@ -133,11 +134,11 @@ def _account(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     if run.exact and not (run.external or rerun.inputs.recorded):
         idle = len(idle_ns(run))
         whole += [] if idle else [topics.EFFORT_COMMAND]
-    account = Account(recording.topic, whole, run.real_time)
+    account = Account(run.topic, whole, run.real_time)
     # A node may be called by the first part of a topic, such as plant.
-    own = {recording.topic(relative): relative for relative in OF_STATES_IN_REAL_TIME}
+    own = {run.topic(relative): relative for relative in OF_STATES_IN_REAL_TIME}
     for name, topic in recording.topics.items():
-        relative = own.get(name) or recording.relative(name)
+        relative = own.get(name) or run.relative(name)
         if not run.real_time or topic.type != topics.JOINT_STATE_TYPE:
             account.counts["", relative] += topic.count
             continue
@@ -152,11 +153,9 @@ def _account(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     except ValueError as error:
         yield f"run/events: {error}"
         return
-    for change in (
-        recording.parameter_messages() if run.mode != "offline" else ()
-    ):  # there are no nodes
+    for change in run.parameter_messages if run.mode != "offline" else ():  # there are no nodes
         account.take_parameters(change)
-    complete, reason = account.verdict([recording.relative(name) for name in recording.topics])
+    complete, reason = account.verdict([run.relative(name) for name in recording.topics])
     marked = (recording.end or {}).get("reason")
     if not complete:
         yield f"marked as complete, but {reason}"
@@ -197,7 +196,7 @@ def _order(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     if run.exact and run.count(topics.DISTURBANCE) and len(states):
         process = run.processes("disturbance")[0]
         last = int(states[-1]) + process.config.period_ns
-        counted = run.mode == "offline" or process.published is not None
+        counted = run.mode == "offline" or bool(process.published)
         if counted and last not in run.table(topics.DISTURBANCE):
             yield f"{topics.DISTURBANCE}: none for the step after the last state"
 
@@ -220,7 +219,7 @@ def _falls(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     """Yield falls whose angle is not that of their state, or whose limit is not the one in force."""
     truth = run.table(topics.GROUND_TRUTH)
     timeline = run.timeline("simulator")
-    simulator = run.recording.topic("simulator")
+    simulator = run.topic("simulator")
     for event in run.events:
         if event.message in _OF_SIMULATOR and event.node != simulator:
             yield f"run/events: {event.message!r} of {event.node}, which is not the simulator"
@@ -280,8 +279,8 @@ def _links(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
 def _parameters(run: RecordedRun) -> Iterator[str]:
     """Yield sets of parameters that are not whole, and changes that no node makes."""
     sets: dict[tuple[str, str], list[Mapping[str, Value]]] = {}
-    for change in run.recording.parameter_messages():
-        node = run.recording.relative(change.node)
+    for change in run.parameter_messages:
+        node = run.relative(change.node)
         if node not in NODES:
             yield f"run/parameters: parameters of {change.node}, which is not one of our nodes"
             continue
@@ -299,7 +298,7 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
         if len(recorded) > 1 and run.mode != "lockstep" and not alike:
             yield f"run/parameters: {len(recorded)} parameter sets of {node}"
     for event in run.events:
-        node = run.recording.relative(event.node)
+        node = run.relative(event.node)
         if node in NODES and node not in run.parameters:
             yield f"run/events: {event.message!r} of {node}, whose parameters are not recorded"
             return

@@ -6,11 +6,11 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from ros2_ws.src.trunk_experiments.test.random_plans import links_and_drives
+from ros2_ws.src.trunk_runs.test.random_plans import links_and_drives
 
-from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_msgs_util.parameters.declarations import ParameterError, Value, build, values_of
-from trunk_sim.config import SimulatorConfig
+from trunk_core.parameters.declarations import ParameterError, Value, build, values_of
+from trunk_runs.plan import RunPlan, make_plan
+from trunk_sim.config import TrunkSimulator
 
 from ..tampering.honest import random_values
 
@@ -80,7 +80,7 @@ class Trial(NamedTuple):
         absent = {answers.get(name, name) for name in self.absent}
         values = {**values_of(plan.simulator), **self.simulator}
         values["wait_for"] = tuple(n for n in plan.simulator.wait_for if n not in absent)
-        return replace(plan, simulator=build(SimulatorConfig, values))
+        return replace(plan, simulator=build(TrunkSimulator, values))
 
 
 class _Draft:

@@ -7,7 +7,7 @@ from pathlib import Path
 import lz4.frame
 import zstandard
 from mcap.records import Metadata
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
+from ros2_ws.src.trunk_recording.test.mcap_files import (
     channel,
     chunk,
     message,
@@ -16,12 +16,8 @@ from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
     write_records,
 )
 
-from trunk_msgs_util.recording import schemas
-from trunk_msgs_util.topics import (
-    DIAGNOSTIC_ARRAY_TYPE,
-    JOINT_STATE_TYPE,
-    PARAMETER_EVENT_TYPE,
-)
+from trunk_core.topics import DIAGNOSTIC_ARRAY_TYPE, JOINT_STATE_TYPE, PARAMETER_EVENT_TYPE
+from trunk_recording import schemas
 
 from .tampered import FAR_NS, GIVEN, SAID, TRUTH, joint_state
 

@@ -17,8 +17,8 @@ from pathlib import Path
 
 from ros2_ws.src.trunk_experiments.test import verbs
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.offline_recording import record_offline
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 from . import bombs, indexed, limited, oracle, signals, tampered, texts
 

@@ -11,20 +11,21 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from trunk_msgs_util.errors import TrunkError
+from trunk_core import PACKAGES
+from trunk_core.errors import TrunkError
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def readers() -> Callable[[bytes, Path], None]:
     """Return the function that reads some bytes as every verb does, at a path to write them to."""
-    from trunk_experiments.analysis.run_table import RunTable
-    from trunk_experiments.recorded.run import RecordedRun
-    from trunk_experiments.replay.doctor import examine
-    from trunk_experiments.replay.explain import explain
-    from trunk_experiments.replay.verify import verify
-    from trunk_msgs_util.recording.reader import Recording
-    from trunk_msgs_util.recording.recover import recover
+    from trunk_evidence.doctor import findings
+    from trunk_evidence.explanation import explain
+    from trunk_evidence.judgement import verify
+    from trunk_evidence.recorded_run import RecordedRun
+    from trunk_evidence.run_table import RunTable
+    from trunk_recording.reader import Recording
+    from trunk_recording.repair import recover
 
     def read(data: bytes, path: Path) -> None:
         path.write_bytes(data)
@@ -39,7 +40,7 @@ def readers() -> Callable[[bytes, Path], None]:
                 with suppress(TrunkError):
                     use(recording)
         with suppress(TrunkError):
-            examine(path)
+            findings(RecordedRun.open(path))
         with suppress(TrunkError):
             recover(path, path.with_suffix(".recovered"), overwrite=True)
 
@@ -49,7 +50,7 @@ def readers() -> Callable[[bytes, Path], None]:
 def main() -> None:
     """Fuzz until libFuzzer's arguments say that it is enough."""
     atheris: Any = import_module("atheris")
-    with atheris.instrument_imports(include=["trunk_msgs_util", "trunk_experiments"]):
+    with atheris.instrument_imports(include=[*PACKAGES]):
         read = readers()
     folder = Path(
         tempfile.mkdtemp(prefix="fuzz", dir="/dev/shm" if Path("/dev/shm").is_dir() else None)

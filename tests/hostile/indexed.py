@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mcap.records import ChunkIndex, McapRecord, Statistics
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import chunk, finish, raw, record, start
+from ros2_ws.src.trunk_recording.test.mcap_files import chunk, finish, raw, record, start
 
 from .bombs import _DESCRIBED, _joints
 

@@ -21,15 +21,15 @@ _LOADED = (
         f"trunk_experiments.commands.{name}"
         for name in (
             *("compare", "diff", "explain", "export", "info", "metrics"),
-            *("plan", "plot", "recover", "report", "simulate", "study.sweep", "verify"),
+            *("plan", "plot", "recover", "report", "simulate", "sweep", "verify"),
         )
     ),
-    "trunk_experiments.console.plan_options",
-    "trunk_experiments.recorded.run",
-    "trunk_experiments.runs.offline_recording",
-    "trunk_experiments.views.plots",
-    "trunk_experiments.views.report",
-    "trunk_experiments.views.report",
+    "trunk_experiments.console.options",
+    "trunk_evidence.recorded_run",
+    "trunk_runs.offline_recording",
+    "trunk_views.plots",
+    "trunk_views.run_report",
+    "trunk_views.run_report",
     "matplotlib.backends.backend_agg",
     "pyarrow.parquet",
 )

@@ -11,7 +11,7 @@ from typing import Any
 from mcap.reader import NonSeekingReader
 from rosbags.typesys import Stores, get_typestore
 
-from trunk_msgs_util.topics import JOINT_STATE_TYPE, PARAMETER_EVENT_TYPE
+from trunk_core.topics import JOINT_STATE_TYPE, PARAMETER_EVENT_TYPE
 
 from .tampered import GIVEN, TRUTH
 

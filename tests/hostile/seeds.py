@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mcap.records import Metadata
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
+from ros2_ws.src.trunk_recording.test.mcap_files import (
     channel,
     chunk,
     content,
@@ -15,8 +15,8 @@ from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
     write_records,
 )
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.offline_recording import record_offline
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 _STEPS = 3
 

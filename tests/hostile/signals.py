@@ -15,9 +15,9 @@ from pathlib import Path
 
 from ros2_ws.src.trunk_experiments.test.verbs import of_recording
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.node_processes import find_executable
-from trunk_experiments.runs.offline_recording import record_offline
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_runs.processes import find_executable
 
 DURATION = 120.0  # s of the recording, at 1 kHz
 INSTANTS = 6

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 from mcap.records import Schema
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import NONE, Content, content, stamp_of, write_file
+from ros2_ws.src.trunk_recording.test.mcap_files import NONE, Content, content, stamp_of, write_file
 from rosbags.typesys import Stores, get_typestore
 
-from trunk_msgs_util.recording import schemas
-from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
-from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.topics import DIAGNOSTIC_ARRAY_TYPE, JOINT_STATE_TYPE
+from trunk_core.samples import JointSample
+from trunk_core.topics import DIAGNOSTIC_ARRAY_TYPE, JOINT_STATE_TYPE
+from trunk_recording import schemas
+from trunk_recording.cdr import JointStateLayout
 
 from ..tampering import edits
 from ..tampering.edits import at, dropped, each, every, fields, nth, on, renamed, stamp_ns, to, tree

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import raw, start
+from ros2_ws.src.trunk_recording.test.mcap_files import raw, start
 
 from ..finished import finished
 from ..graph.processes import Child, Children, until

@@ -22,15 +22,14 @@ import click
 
 import trunk_control.api
 import trunk_experiments.api
+from trunk_core import PACKAGES, errors
+from trunk_core.parameters.declarations import declarations
 from trunk_experiments.cli import OVERVIEW, trunk
 from trunk_experiments.console.document import schemas
-from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.views.markers import MarkersConfig
-from trunk_msgs_util import errors
-from trunk_msgs_util.parameters.declarations import declarations
+from trunk_runs.nodes import NODES
+from trunk_views.markers import MarkersConfig
 
 PLACE = Path(__file__).with_name("inventory.txt")
-PACKAGES = ("trunk_sim", "trunk_control", "trunk_msgs_util", "trunk_experiments")
 ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "ros2_ws/src"
 TOPIC = re.compile(r"^\| `(\S+)` \| (\S+) \| (.+?) \|", re.MULTILINE)

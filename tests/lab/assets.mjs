@@ -2,7 +2,7 @@
 import fs from "node:fs";
 import path from "node:path";
 
-const FILES = ["python_numbers", "engine", "setup"];
+const FILES = ["engine", "setup"];
 
 export const load = (assets, names, more = "") => {
   const source = FILES.map((name) => fs.readFileSync(path.join(assets, `${name}.js`), "utf8")).join("\n");

@@ -105,7 +105,7 @@ def _same(plans: Any, law: str, setup: Setup, result: dict[str, Any]) -> bool:
     if refused(plans[law], law, setup) or "error" in result:
         return refused(plans[law], law, setup) and "error" in result
     table, diverged = table_of(plan_with(plans[law], law, setup))
-    return equal_bits(result["table"], table) and (result["ended"] == "diverged") == bool(diverged)
+    return equal_bits(result["table"], table) and (result["ended"] == "diverged") == diverged
 
 
 def main() -> int:

@@ -4,10 +4,10 @@ import json
 import shutil
 
 import pytest
-from ros2_ws.src.trunk_experiments.test.page_driver import DESK
-from ros2_ws.src.trunk_experiments.test.page_driver import opened as opened_page  # noqa: F401
+from ros2_ws.src.trunk_views.test.page_driver import DESK
+from ros2_ws.src.trunk_views.test.page_driver import opened as opened_page  # noqa: F401
 
-from trunk_experiments.lab.wasm import missing_tools
+from trunk_experiments.lab.webassembly import missing_tools
 
 from .experiments import page_of
 from .page_actions import WHOLE

@@ -18,18 +18,17 @@ from typing import Any
 
 import numpy as np
 from click.testing import CliRunner
-from ros2_ws.src.trunk_experiments.test.c_programs import made_once
+from ros2_ws.src.trunk_core.test.c_programs import made_once
 
+from trunk_core.parameters.declarations import ParameterError, build, values_of
 from trunk_experiments.commands.lab import command
-from trunk_experiments.console.plan_options import HAND
-from trunk_experiments.lab import wasm
+from trunk_experiments.console.options import HAND
+from trunk_experiments.lab import webassembly
 from trunk_experiments.lab.data import lab_of
-from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.runs.engine import Engine
-from trunk_experiments.runs.states import FRESH, TERMS
-from trunk_msgs_util.parameters.declarations import ParameterError, build, values_of
-from trunk_sim.operator_input import Applied
+from trunk_runs.engine import FRESH, TERMS, Engine
+from trunk_runs.plan import RunPlan, make_plan
+from trunk_runs.timeline import Change
+from trunk_sim.inputs import Applied
 from trunk_sim.simulation import DivergedError
 
 Setup = dict[str, Any]
@@ -55,8 +54,8 @@ def _made_of() -> str:
         place = path.relative_to(packages)
         if path.is_file() and not {"test", "__pycache__"} & set(place.parts):
             digest.update(f"{place}\0".encode() + path.read_bytes())
-    linker = ["wasm-ld"] if shutil.which("wasm-ld") else [*wasm._compiler()]
-    for tool in (wasm._compiler(), linker):
+    linker = ["wasm-ld"] if shutil.which("wasm-ld") else [*webassembly._compiler()]
+    for tool in (webassembly._compiler(), linker):
         digest.update(subprocess.check_output([*tool, "--version"]))
     for library in ("jinja2", "ziglang"):
         with suppress(PackageNotFoundError):
@@ -175,15 +174,15 @@ def _value(value: Any) -> Any:
     return float(value) if value in ("inf", "-inf") else value
 
 
-def table_of(plan: RunPlan) -> tuple[Any, str]:
-    """Return all columns of a plan's states, and why it diverged; empty if it did not."""
+def table_of(plan: RunPlan) -> tuple[Any, bool]:
+    """Return all columns of a plan's states, and whether it diverged."""
     parts: list[Any] = []
     try:
         for states in Engine(plan, compiled=True).states():
             parts.append(states.table.copy())
-    except DivergedError as error:
-        return np.vstack(parts), str(error)
-    return np.vstack(parts), ""
+    except DivergedError:
+        return np.vstack(parts), True
+    return np.vstack(parts), False
 
 
 def in_node(

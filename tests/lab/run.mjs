@@ -19,10 +19,10 @@ const results = json("experiments.json").map(([name, setup]) => {
         return { error: error.message };
     }
     engine.advance(lab.states);
-    const { count, width, ended, falls, reason } = engine;
+    const { count, width, ended, falls } = engine;
     writeSync(tables, new Uint8Array(engine.table.buffer, 0, 8 * count * width));
     const ahead = Array.from(engine.ahead);
-    return { count, width, ended, falls, reason, metrics: engine.metrics(), ahead, bits: bitsOf(engine, setup) };
+    return { count, width, ended, falls, metrics: engine.metrics(), ahead, bits: bitsOf(engine, setup) };
 });
 closeSync(tables);
 console.log(JSON.stringify(results));

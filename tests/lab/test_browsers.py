@@ -3,7 +3,7 @@
 import pytest
 
 from trunk_experiments.lab.data import write
-from trunk_experiments.lab.wasm import missing_tools
+from trunk_experiments.lab.webassembly import missing_tools
 
 from .experiments import LAWS, NODE, in_node, in_page, lab_for, plans_of, random_setup
 from .firefox import PROGRAM, Firefox

@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from trunk_experiments.lab.experiment import FORMAT
+
 from .page_actions import (
     CELL,
     P_MAX,
@@ -202,19 +204,32 @@ NONSENSE = [
     "nonsense",
     "%00%ff",
     "A" * 200_000,
-    "[1,{},null,[]]",
-    [2, {}, None, []],
-    [1, {"nobody": {"x": 1}}, None, []],
-    [1, {"pid": {"gains.p": 1e12}}, None, []],
-    [1, {"pid": {"gains.p": "<img src=x onerror=alert(1)>"}}, None, []],
-    [1, {"pid": {"__proto__": 1}}, None, []],
-    [1, {"fuzzy_pid": {"rules.kp": ["B"]}}, None, []],
-    [1, {}, [5000, {}], []],
-    [1, {}, [100, {"simulator": {"sensor.seed": 5}}], []],
-    [1, {}, None, [[100, 0, 1e9]]],
-    [1, {}, None, [[100, 0, 1], [-50, 0, 1]]],
-    [1, {}, None, [[0.5, 0, 1]]],
-    [1, {}, None, "abc"],
+    "{}",
+    [],
+    {"format": "trunk experiment 1"},
+    *(
+        {"format": FORMAT, "values": {}, "branch": None, "pushes": [], **wrong}
+        for wrong in (
+            {"values": {"nobody": {"x": 1}}},
+            {"values": {"pid": {"gains.p": 1e12}}},
+            {"values": {"pid": {"gains.p": "<img src=x onerror=alert(1)>"}}},
+            {"values": {"pid": {"__proto__": 1}}},
+            {"values": {"__proto__": {"toString": 1}}},
+            {"values": {"fuzzy_pid": {"rules.kp": ["B"]}}},
+            {"values": {"pid": None}},
+            {"values": []},
+            {"branch": 7},
+            {"branch": {"at_ns": 0}},
+            {"branch": {"at_ns": 5_000_000_000, "values": {}}},
+            {"branch": {"at_ns": "0", "values": {}}},
+            {"branch": {"at_ns": 0, "values": {"simulator": {"sensor.seed": 5}}}},
+            {"pushes": [[100_000_000, 0, 1e9]]},
+            {"pushes": [[100_000_000, 0, 1], [50_000_000, 0, 1]]},
+            {"pushes": [[0.5, 0, 1]]},
+            {"pushes": [[0, 0, 1, 1]]},
+            {"pushes": "abc"},
+        )
+    ),
 ]
 
 

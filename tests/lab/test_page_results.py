@@ -3,7 +3,7 @@
 import shlex
 
 import pytest
-from ros2_ws.src.trunk_experiments.test.page_driver import NARROW, PHONE
+from ros2_ws.src.trunk_views.test.page_driver import NARROW, PHONE
 
 from .page_actions import CELL, copied, pulled, saved, seek, set_gain, whole
 

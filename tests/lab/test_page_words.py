@@ -4,7 +4,11 @@ import json
 
 import pytest
 
-from trunk_experiments.analysis.metrics import QUANTITIES
+from trunk_core.parameters.declarations import values_of
+from trunk_evidence.run_metrics import QUANTITIES
+from trunk_msgs_util.picture.frames import as_data
+from trunk_msgs_util.picture.shapes import Geometry
+from trunk_sim.config import TrunkSimulator
 
 from .page_actions import saved, seek, whole
 
@@ -56,6 +60,28 @@ def test_what_acts_is_said_and_marked(opened):
     whole(page)
     assert page.inner_text("#acts") == "Reference: 11.46°."
     assert "pulse acts" not in page.inner_text("#strip-angle figcaption")
+
+
+def test_the_picture_is_that_of_the_parameters(opened):
+    page = opened()
+    drawn = "() => known.world.picture"
+    known = dict(values_of(TrunkSimulator()))
+    for name, value in (
+        ("plant.length", 0.7),
+        ("path.amplitude", 0.5),
+        ("path.wavenumber", 2.0),
+    ):
+        page.evaluate("(values) => edits.set('simulator', values)", {name: value})
+        known[name] = value
+        geometry = Geometry.from_parameters(known)
+        assert page.evaluate(drawn) == as_data(geometry.picture), name
+
+
+def test_no_part_of_a_parameter_is_zero(opened):
+    page = opened()
+    page.evaluate("() => { lab.picture.frames[0].at[0] = { name: 'plant.length', factor: 0 }; }")
+    page.evaluate("() => edits.set('simulator', { 'plant.length': 0.7 })")
+    assert page.evaluate("() => known.world.picture.frames[0].at[0]") == 0
 
 
 def test_a_fall_stays_in_words_until_its_run_is_replaced(opened):

@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trunk_core import topics
+from trunk_core.parameters.declarations import values_of
+from trunk_evidence.differences import diff
+from trunk_evidence.judgement import UNJUDGED, VERIFIED, verdict_on
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments.lab.experiment import FORMAT, Experiment, read_experiment, record_experiment
-from trunk_experiments.lab.program import NAMES
-from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util import topics
-from trunk_msgs_util.parameters.declarations import values_of
+from trunk_experiments.lab.webassembly import NAMES
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import RunPlan, make_plan
+from trunk_runs.timeline import Change
 from trunk_sim.simulation import DivergedError
 
 from .experiments import ASSETS, Setup, lab_for, plan_with, plans_of, random_setup, refused
@@ -135,11 +135,12 @@ def document(tmp_path):
     listed = {node: values_of(config) for node, config in plan.configs.items()}
     data = {
         "format": FORMAT,
-        "scenario": "fig8",
+        "scenario": "mine",
         "controller": "pid",
         "page": "0123456789abcdef",
         "parameters": {node: listed[node] for node in ("simulator", "disturbance", "pid")},
-        "branch": {"at_ns": 100_000_000, "parameters": {"pid": {"gains.p": 75.0}}},
+        "values": {"fuzzy_pid": {"gains.p_max": 75.0}},
+        "branch": {"at_ns": 100_000_000, "values": {"pid": {"gains.p": 75.0}}},
         "pushes": [[0, -10.5, 0.0], [50_000_000, 0.0, 30.0]],
         "states": 201,
         "sha256": None,
@@ -176,7 +177,13 @@ def test_what_no_page_saves_is_refused_in_one_line(document, trunk, tmp_path):
     path = tmp_path / "experiment.json"
     damaged = [{k: v for k, v in document.items() if k != key} for key in document]
     damaged += [{**document, "more": 1}, [], 7, "x"]
-    allowed = {"branch": [None], "pushes": [[]], "sha256": [None, "x"], "scenario": ["x"]}
+    allowed = {
+        "values": [{}],
+        "branch": [None],
+        "pushes": [[]],
+        "sha256": [None, "x"],
+        "scenario": ["x"],
+    }
     allowed |= {"page": ["x"], "states": [7]}
     damaged += [
         {**document, key: value}
@@ -204,9 +211,11 @@ def test_what_no_page_saves_is_refused_in_one_line(document, trunk, tmp_path):
             ("50000000, 0.0, 30.0", "500000000, 0.0, 30.0"),
             ("100000000", f"{5 * 10**36}"),
             ('{"pid": {"gains.p": 75.0}}', '{"disturbance": 5}'),
-            ('"scenario": "fig8"', '"scenario": "fig8\\nverified"'),
-            ('"scenario": "fig8"', '"scenario": "\\ud800"'),
-            ('"scenario": "fig8"', f'"scenario": "{1000 * "x"}"'),
+            ('{"fuzzy_pid": {"gains.p_max"', '{"pid": {"gains.q"'),
+            ('{"gains.p_max": 75.0}', "5"),
+            ('"scenario": "mine"', '"scenario": "fig8\\nverified"'),
+            ('"scenario": "mine"', '"scenario": "\\ud800"'),
+            ('"scenario": "mine"', f'"scenario": "{1000 * "x"}"'),
             ('"duration": 0.2', '"duration": 1e6'),
             ('"link.command.delay": 0.0', '"link.command.delay": 0.01'),
         )

@@ -4,20 +4,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_experiments.test.stepwise import steps
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_runs.test.stepwise import steps
 
-from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.errors import PlanError
+from trunk_core.errors import PlanError
+from trunk_core.topics import Event
+from trunk_evidence.branching import Branch
+from trunk_evidence.differences import diff
+from trunk_evidence.judgement import VERIFIED, verdict_on
+from trunk_evidence.recorded_run import Late, RecordedRun, late_steps, links_of
+from trunk_evidence.run_table import RunTable
 from trunk_experiments.gym.task import make_task
-from trunk_experiments.plans.plan import RunPlan
-from trunk_experiments.recorded.facts import Late, late_steps, links_of
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.branch import Branch
-from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.verify import VERIFIED, verdict_on
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.events import Event
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import RunPlan
 from trunk_sim.links import Traffic
 
 from ..real_time import record_real_time

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from trunk_msgs_util import topics
+from trunk_core import topics
 from trunk_msgs_util.node import middleware, qos
 
 

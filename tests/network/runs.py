@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from trunk_experiments.plans.plan import RunPlan
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
+from trunk_runs.plan import RunPlan
 
 from ..graph.processes import Child
 from .hosts import Host

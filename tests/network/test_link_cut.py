@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_evidence.judgement import VERIFIED, verify
 from trunk_msgs_util.node.middleware import SUPER_CLIENT
+from trunk_runs.plan import make_plan
 
 from ..graph.processes import Child, until
 from ..graph.recordings import assert_every_step, finished_file, joints
@@ -115,7 +115,7 @@ def test_two_seconds_without_the_link(
     recording = run.recording()
     assert recording.complete, recording.warnings
     finished_file(recording.files[0])
-    (end,) = (event for event in recording.events() if event.message == "finished")
+    (end,) = (event for event in recording.events("/run/events") if event.message == "finished")
     assert_every_step(recording, PERIOD_NS, int(end.values["states"]))
     assert verify(recording).exit_code == VERIFIED, verify(recording)
     states, commands = (joints(recording, t) for t in (topics.GROUND_TRUTH, topics.EFFORT_COMMAND))

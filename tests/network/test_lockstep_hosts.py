@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.verify import verify
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.reader import Recording
+from trunk_evidence.differences import diff
+from trunk_evidence.judgement import verify
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import RunPlan, make_plan
 
 from ..graph.processes import Child, until
 from ..graph.recordings import finished_file

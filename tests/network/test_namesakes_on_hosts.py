@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.plans.plan import make_plan
+from trunk_runs.plan import make_plan
 
 from .hosts import Host
 from .listener import Listener

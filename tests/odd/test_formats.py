@@ -2,12 +2,12 @@
 
 import pytest
 from mcap.opcode import Opcode
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import records_of, write_mcap
+from ros2_ws.src.trunk_recording.test.mcap_files import records_of, write_mcap
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.digests import END
-from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
-from trunk_msgs_util.samples import JointSample
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_recording.cdr import JointStateLayout
+from trunk_recording.digests import END
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 MS = 1_000_000

@@ -6,11 +6,11 @@ import struct
 from pathlib import Path
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import NONE, content, write
+from ros2_ws.src.trunk_recording.test.mcap_files import NONE, content, write
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 MS = 1_000_000

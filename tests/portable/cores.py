@@ -16,7 +16,7 @@ from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.law import Hip
 from trunk_control.lqr import LqrConfig
 from trunk_control.pid import PidConfig
-from trunk_sim.config import SimulatorConfig
+from trunk_sim.config import TrunkSimulator
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import disturbance_at
 from trunk_sim.noise import Noise
@@ -25,7 +25,7 @@ from trunk_sim.simulation import Simulation
 from . import vectors
 
 RATE = 1000.0
-PLANT = SimulatorConfig(
+PLANT = TrunkSimulator(
     update_rate=RATE,
     substeps=1,
     initial_position=(0.0, 0.1),

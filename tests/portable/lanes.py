@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from trunk_experiments.batch.block import regular_run, run_block
-from trunk_experiments.batch.lanes import LANES, TRACED
 from trunk_experiments.gym.episodes import Episodes
 from trunk_experiments.gym.task import make_task
-from trunk_experiments.plans.nodes import CONTROLLERS
-from trunk_experiments.plans.plan import make_plan
+from trunk_runs.nodes import CONTROLLERS
+from trunk_runs.plan import make_plan
+from trunk_studies.batch.block import regular_run, run_block
+from trunk_studies.batch.lanes import LANES, TRACED
 
 SETTINGS = (
     "simulator.sensor.position_noise=0.003",

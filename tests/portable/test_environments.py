@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util.recording.reader import Recording
+from trunk_evidence.differences import diff
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_recording.reader import Recording
 
 from ..finished import finished
 from . import cores, vectors

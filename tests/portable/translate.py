@@ -7,7 +7,7 @@ and comparisons. Anything else is an error.
 import ast
 from pathlib import Path
 
-from trunk_msgs_util import elementary
+from trunk_core import elementary
 
 C, JAVASCRIPT = "c", "js"
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.USub: "-"}

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from trunk_msgs_util.elementary import LARGEST_ANGLE, exp, log, sincos
+from trunk_core.elementary import LARGEST_ANGLE, exp, log, sincos
 
 from .translate import JAVASCRIPT, C, translated
 

@@ -4,8 +4,8 @@ import os
 import signal
 from pathlib import Path
 
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util.recording.reader import Recording
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_recording.reader import Recording
 
 from ..finished import finished
 from .tools import check, check_verified, listed, node, ros2, running, says, until

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import yaml
 
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util.recording.reader import Recording
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_recording.reader import Recording
 
 from ..finished import finished
 from .tools import check, listed, node, ros2, running, says, until
 
 EXECUTABLES = {
     "trunk_sim": ("simulator", "disturbance"),
-    "trunk_control": ("pid", "fuzzy_pid", "lqr", "computed_torque"),
+    "trunk_control": ("pid", "fuzzy_pid", "lqr", "computed_torque", "state_feedback"),
     "trunk_msgs_util": ("recorder",),
 }
 

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util.errors import RecordingError
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core.errors import RecordingError
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_recording.reader import Recording
 
 from ..finished import finished
 

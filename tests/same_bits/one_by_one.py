@@ -5,20 +5,20 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
 
-from ros2_ws.src.trunk_experiments.test.stepwise import steps
+from ros2_ws.src.trunk_runs.test.stepwise import steps
 
 from trunk_control.decide import state_record
 from trunk_control.laws import law_named
-from trunk_experiments.plans.plan import RunPlan
-from trunk_experiments.runs import offline_recording
-from trunk_experiments.runs.loop_inputs import disturbance_source
-from trunk_experiments.runs.offline_recording import record_states
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
-from trunk_msgs_util.parameters.declarations import values_of
-from trunk_msgs_util.recording.joint_state_cdr import layout_of
-from trunk_msgs_util.recording.schemas import event
-from trunk_msgs_util.samples import JointSample
+from trunk_core import topics
+from trunk_core.parameters.declarations import values_of
+from trunk_core.samples import JointSample
+from trunk_core.topics import Event
+from trunk_recording.cdr import layout_of
+from trunk_recording.schemas import event
+from trunk_runs import offline_recording
+from trunk_runs.loop import disturbance_source
+from trunk_runs.offline_recording import record_states
+from trunk_runs.plan import RunPlan
 from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
 
@@ -80,7 +80,7 @@ class OneByOne(offline_recording.OfflineRecorder):
 
     def draw(self, step):
         self._of_simulator.advance(step.stamp_ns)
-        self._film.reconfigure(values_of(self._of_simulator.config))
+        self._film.reconfigure(values_of(self._of_simulator.config), {})
         if step.answer is not None:
             self._reference = step.answer.reference
         pushed = disturbance_sample(

@@ -10,34 +10,29 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from unittest.mock import patch
 
-from ros2_ws.src.trunk_experiments.test.cpp_device import (
-    CppDevice,
-    kernel_and_words,
-    summary_in,
-)
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import content
+from ros2_ws.src.trunk_recording.test.mcap_files import content
+from ros2_ws.src.trunk_studies.test.cpp_device import CppDevice, kernel_and_words, summary_in
 
-from trunk_experiments.analysis.metrics import metrics
-from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.batch.block import RunSummary, summary_of
-from trunk_experiments.batch.check import column_difference, lane_columns
-from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.batch.kernel import fitted
-from trunk_experiments.plans.plan import RunPlan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.branch import Branch, branch_plan, record_branch
-from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.verify import VERIFIED, verdict_on
-from trunk_experiments.runs import engine
-from trunk_experiments.runs.engine import states_of_run
-from trunk_experiments.runs.graph import run_graph
-from trunk_experiments.runs.offline_recording import record_offline, record_states
-from trunk_experiments.runs.run_files import RunFiles
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording import writer
-from trunk_msgs_util.recording.joint_table import Floats
-from trunk_msgs_util.units import seconds
+from trunk_core import topics
+from trunk_core.arrays import Floats
+from trunk_core.units import seconds
+from trunk_evidence.branching import Branch, branch_plan, record_branch
+from trunk_evidence.differences import diff
+from trunk_evidence.judgement import VERIFIED, verdict_on
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import RunTable, metrics
+from trunk_experiments.conformance.kit import column_difference, lane_columns
+from trunk_recording import writer
+from trunk_runs import engine
+from trunk_runs.engine import states_of_run
+from trunk_runs.graph import run_graph
+from trunk_runs.offline_recording import record_offline, record_states
+from trunk_runs.plan import RunPlan
+from trunk_runs.run_files import RunFiles
 from trunk_sim.simulation import DivergedError
+from trunk_studies.batch.block import RunSummary, summary_of
+from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.kernel import fitted
 
 from ..exported.loops import table_in_c
 from .one_by_one import record_one_by_one

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from ros2_ws.src.trunk_experiments.test.random_plans import links_and_drives
+from ros2_ws.src.trunk_runs.test.random_plans import links_and_drives
 
-from trunk_experiments.plans.plan import RunPlan, make_plan, parse_swap
-from trunk_experiments.plans.timeline import Change
-from trunk_msgs_util.events import Event
-from trunk_msgs_util.parameters.declarations import build, values_of
-from trunk_sim.config import SimulatorConfig
+from trunk_core.parameters.declarations import build, values_of
+from trunk_core.topics import Event
+from trunk_runs.plan import RunPlan, make_plan, parse_swap
+from trunk_runs.timeline import Change
+from trunk_sim.config import TrunkSimulator
 
 _HERE = Path(__file__).parent
 _MS = 1_000_000
@@ -126,12 +126,28 @@ SCENARIOS = {
         ("pid.update_rate=350", "pid.derivative_mode=rate", "simulator.update_rate=700"),
     ),
     "disturbed": Scenario("demo", "lqr", 1.5, _DISTURBED),
+    "feedback of the hip": Scenario(
+        *("demo", "state_feedback", 1.0),
+        ("state_feedback.gains.x=-3", "state_feedback.gains.v=-2"),
+    ),
     "files and random pulses": Scenario("demo", "pid", 0.5, _FILES),
     "held tables": Scenario(
         *("demo", "pid", 0.5),
         (*_FILES, "disturbance.table.interpolation=hold", "pid.reference.profile=sequence"),
     ),
     "a gait": Scenario("fig6", "computed_torque", 0.4, _GAIT),
+    "a cart-pole": Scenario(
+        *("fig6", "pid", 1.2),
+        (
+            *("simulator.plant.name=cart_pole", "simulator.initial.position=[0, 10deg]"),
+            *("pid.gains.p=60", "pid.gains.d=12", "simulator.plant.friction=0.3", *_NOISE),
+            *("simulator.actuator.time_constant=0.02", "simulator.actuator.coulomb_friction=0.1"),
+            *("disturbance.noise.channel=pole_effort", "disturbance.noise.rms=0.1"),
+            *("disturbance.pulse.channel=cart_effort", "disturbance.pulse.start_times=[0.3]"),
+            "disturbance.pulse.magnitude=5",
+        ),
+        ("0.7:lqr",),
+    ),
     "a drive": Scenario("demo", "fuzzy_pid", 1.5, _DRIVE),
     "links": Scenario("demo", "pid", 1.0, LINKS),
     "more links": Scenario("demo", "fuzzy_pid", 1.5, _MORE_LINKS),
@@ -209,4 +225,4 @@ def random_links(index: int, seed: int) -> RunPlan:
     everywhere = {"duration": float(rng.uniform(0.2, 0.6)), "lockstep.enabled": True}
     plan = make_plan(file, name, everywhere=everywhere)
     values = values_of(plan.simulator) | links_and_drives(rng, plan.simulator.update_rate)
-    return replace(plan, simulator=build(SimulatorConfig, values))
+    return replace(plan, simulator=build(TrunkSimulator, values))

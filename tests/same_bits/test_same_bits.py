@@ -1,26 +1,28 @@
 """One plan by every path, from compiled code to a kernel: the bits of CPython."""
 
 import shutil
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import pytest
-from ros2_ws.src.trunk_experiments.test import cpp_device
-from ros2_ws.src.trunk_experiments.test.random_plans import random_plan
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_runs.test.random_plans import random_plan
+from ros2_ws.src.trunk_studies.test import cpp_device
 
-from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.plans.plan import RunPlan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_msgs_util.recording.reader import Recording
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import RunTable
+from trunk_recording.reader import Recording
+from trunk_runs.plan import RunPlan
 
+from ..finished import finished
 from .paths import IN_ONE_PROCESS, difference, differences, reference
 from .scenarios import SCENARIOS, random_links
 
 PLANS: dict[str, Callable[[], RunPlan]] = {
     **{name: scenario.plan for name, scenario in SCENARIOS.items()},
-    **{f"random {i}": partial(random_plan, i) for i in (3, 8, 14)},
+    **{f"random {i}": partial(random_plan, i) for i in (3, 8, 14, 232)},
     **{f"random links {i}": partial(random_links, i, 5) for i in range(3)},
 }
 ONE_CALL = {"batch", "lanes", "kernel", "c"}
@@ -56,6 +58,19 @@ def test_every_path_has_the_bits_of_cpython(name: str, path: str, tmp_path: Path
         pytest.skip("no C++ compiler: apt-get install g++")
     plan = PLANS[name]()
     assert differences(path, plan, reference(plan, tmp_path), tmp_path) == []
+
+
+@pytest.mark.slow
+@pytest.mark.one_in(40)
+@pytest.mark.parametrize("first", range(0, 200, 5))
+def test_random_plans_have_the_bits_of_cpython_in_every_engine(first: int) -> None:
+    able = {"compiled": True, "batch": True, "lanes": True, "kernel": cpp_device.COMPILER}
+    able["c"] = not NO_COMPILER
+    words = [f"--path={path}" for path, is_able in able.items() if is_able]
+    command = [sys.executable, "-m", "tests.same_bits.check", "5", "--random", f"--seed={first}"]
+    done = finished([*command, *words])
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.startswith("10 plans: 0 differ (")
 
 
 def test_one_changed_bit_is_a_difference(tmp_path: Path) -> None:

@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 
 import click
 
-from trunk_experiments.runs import engine
-from trunk_msgs_util.recording import writer as writing
+from trunk_recording import writer as writing
+from trunk_runs import engine
 
 from . import nodes
 from .invariants import broken

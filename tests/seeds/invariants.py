@@ -4,15 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Protocol
 
-from trunk_experiments.recorded.facts import silence_of
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util import topics
-from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.events import ENDS, Event
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core import topics
+from trunk_core.errors import TrunkError
+from trunk_core.topics import ENDS, Event
+from trunk_evidence.judgement import UNJUDGED, VERIFIED, verdict_on
+from trunk_evidence.recorded_run import RecordedRun, silence_of
 from trunk_msgs_util.source import process_of
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
 
 from .story import Story
 
@@ -156,7 +155,7 @@ def _stopped(run: Run, found: RecordedRun) -> Iterator[str]:
 def _silent(run: Run, found: RecordedRun) -> Iterator[str]:
     """Yield nodes whose parameters are on record without any event, although they ended in order."""
     heard = {event.node for event in found.events}
-    shown = {change.node for change in found.recording.parameter_messages()}
+    shown = {change.node for change in found.parameter_messages}
     for name, some in run.processes.items():
         if f"/{name}" in shown - heard and all(one.exit_code is not None for one in some):
             yield f"{name}: its parameters are on record, but none of its events"

@@ -32,15 +32,15 @@ _SIM = "trunk_sim/trunk_sim/"
 _CONTROL = "trunk_control/trunk_control/"
 MUTANTS = (
     Mutant("no word of the end", _SIM + "simulator_node.py",
-        'self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")', "pass"),
-    Mutant("every seventh message is not kept", _NODE + "replayable.py",
+        'self._say_finished(Event.FINISHED, reason if fell else "finished")', "pass"),
+    Mutant("every seventh message is not kept", _NODE + "endpoints.py",
         "self._publish_kept(data)", "self.count % 7 == 6 or self._publish_kept(data)"),
-    Mutant("a missed count", _NODE + "replayable.py", "self.count += 1", "self.count += self.count != 3"),
+    Mutant("a missed count", _NODE + "endpoints.py", "self.count += 1", "self.count += self.count != 3"),
     Mutant("commands of an inactive controller", _CONTROL + "controller_node.py",
         "        if not output.active:\n            return\n", ""),
     Mutant("parameters change without a word", _NODE + "base.py",
         "self._say_parameters(self.run_stamp_ns, changed)", "pass"),
-    Mutant("nobody waits for the recorder at the end", _NODE + "replayable.py",
+    Mutant("nobody waits for the recorder at the end", _NODE + "endpoints.py",
         "    known_s = max([born_s", "    return\n    known_s = max([born_s"),
     Mutant("an unflushed file", _NODE + "recorder_node.py",
         "file.finish(complete=complete, reason=reason, sync=True)", "pass"),
@@ -66,7 +66,7 @@ MUTANTS = (
         "        self.event(Event.RESET)\n", ""),
     Mutant("a reset of the controller is not told", _CONTROL + "controller_node.py",
         "        self.event(Event.RESET)\n", ""),
-    Mutant("a swapped order", _NODE + "executor.py",
+    Mutant("a swapped order", _NODE + "execution.py",
         "                message = handle.take_message(subscription.msg_type, subscription.raw)\n",
         "                message = handle.take_message(subscription.msg_type, subscription.raw)\n"
         "                later = message and handle.take_message(subscription.msg_type, subscription.raw)\n"
@@ -83,7 +83,7 @@ MUTANTS = (
         'Command(stamp_ns, effort, source if stamp_ns == self._loop.stamp_ns else "")'),
     Mutant("what acted need not be on record", _NODE.removesuffix("node/") + "completeness.py",
         "missing = list(self.acted.missing())", "missing: list[str] = []"),
-    Mutant("stopped without a last word", _NODE + "run.py",
+    Mutant("stopped without a last word", _NODE + "execution.py",
         "        node.end()\n", "        pass\n"),
 )  # fmt: skip
 

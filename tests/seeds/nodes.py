@@ -15,12 +15,13 @@ import rclpy.utilities
 
 from trunk_control.controller_node import ControllerNode
 from trunk_control.laws import law_named
-from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.plans.plan import RunPlan
-from trunk_msgs_util import provenance, source
+from trunk_core.parameters.declarations import declarations, values_of
+from trunk_msgs_util import source
+from trunk_msgs_util.node.execution import run_nodes
 from trunk_msgs_util.node.recorder_node import RecorderNode
-from trunk_msgs_util.node.run import run_nodes
-from trunk_msgs_util.parameters.declarations import declarations, values_of
+from trunk_recording import provenance
+from trunk_runs.nodes import NODES
+from trunk_runs.plan import RunPlan
 from trunk_sim.disturbance_node import DisturbanceNode
 from trunk_sim.simulator_node import SimulatorNode
 

@@ -8,7 +8,7 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 from std_srvs.srv import SetBool, Trigger
 
-from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_runs.plan import RunPlan, make_plan
 from trunk_sim.disturbances import CHANNELS
 
 NS = 1_000_000_000

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from trunk_experiments.plans.plan import RunPlan, Swap, make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.parameters.declarations import Value
+from trunk_core.parameters.declarations import Value
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import RunPlan, Swap, make_plan
+from trunk_runs.timeline import Change
 
 OFFLINE, LOCKSTEP, REAL_TIME = "offline", "lockstep", "real_time"
 BASES = (OFFLINE, LOCKSTEP, REAL_TIME)

@@ -17,7 +17,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
+from ros2_ws.src.trunk_recording.test.mcap_files import (
     ANEW,
     KEPT,
     NONE,
@@ -26,9 +26,9 @@ from ros2_ws.src.trunk_msgs_util.test.mcap_files import (
     write_file,
 )
 
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import VERIFIED, verdict_on
-from trunk_msgs_util.recording.reader import RecordingError
+from trunk_evidence.judgement import VERIFIED, verdict_on
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_recording.reader import RecordingError
 
 from .bases import BASES, OFFLINE, make_base
 from .edits import Edit, edits_of

@@ -9,17 +9,16 @@ from math import inf, nan, nextafter
 from typing import Any, NamedTuple
 
 import numpy as np
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import Content, stamp_of
-from ros2_ws.src.trunk_msgs_util.test.test_events import CARRIES
+from ros2_ws.src.trunk_recording.test.mcap_files import Content, stamp_of
+from ros2_ws.src.trunk_recording.test.test_events import CARRIES
 
-from trunk_experiments.plans.nodes import NODES
-from trunk_msgs_util.events import Event
-from trunk_msgs_util.parameters.declarations import Declaration, declarations
-from trunk_msgs_util.recording import schemas
-from trunk_msgs_util.recording.schemas import parse_event, parse_parameter_event
-from trunk_msgs_util.recording.writer import END, PROVENANCE
-from trunk_msgs_util.topics import DIAGNOSTIC_ARRAY_TYPE, JOINT_STATE_TYPE, PARAMETER_EVENT_TYPE
-from trunk_msgs_util.units import NANOSECONDS
+from trunk_core.parameters.declarations import Declaration, declarations
+from trunk_core.topics import DIAGNOSTIC_ARRAY_TYPE, JOINT_STATE_TYPE, PARAMETER_EVENT_TYPE, Event
+from trunk_core.units import NANOSECONDS
+from trunk_recording import schemas
+from trunk_recording.schemas import parse_event, parse_parameter_event
+from trunk_recording.writer import END, PROVENANCE
+from trunk_runs.nodes import NODES
 
 TRUTH, MEASURED, COMMANDS = "/ground_truth/joint_states", "/joint_states", "/effort_command"
 DISTURBANCE, EVENTS, PARAMETERS = "/disturbance", "/run/events", "/run/parameters"

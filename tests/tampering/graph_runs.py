@@ -16,12 +16,11 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
-from trunk_experiments.plans.plan import RunPlan
-from trunk_experiments.runs.composed_node import node_maker
+from trunk_core.parameters.declarations import Value
 from trunk_msgs_util.node import middleware
-from trunk_msgs_util.node.executor import LoopExecutor
-from trunk_msgs_util.node.run import _end  # what the executables do at the end
-from trunk_msgs_util.parameters.declarations import Value
+from trunk_msgs_util.node.execution import LoopExecutor, _end  # the latter ends executables
+from trunk_runs.composed_node import node_maker
+from trunk_runs.plan import RunPlan
 
 _SPINS = 100_000  # of the executor, some minutes: a run that hangs is ended
 _IDLE_S = 0.002

@@ -6,21 +6,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from ros2_ws.src.trunk_experiments.test.random_plans import STEPS, Draw, random_plan
+from ros2_ws.src.trunk_runs.test.random_plans import STEPS, Draw, random_plan
 
-from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.plan import RunPlan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import VERIFIED, Verdict, describe, verdict_on
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.parameters.declarations import (
-    ParameterError,
-    Value,
-    build,
-    declarations,
-    values_of,
-)
+from trunk_core.errors import PlanError
+from trunk_core.parameters.declarations import ParameterError, Value, build, declarations, values_of
+from trunk_evidence.judgement import VERIFIED, Verdict, describe, verdict_on
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import RunPlan
+from trunk_runs.timeline import Change
 from trunk_sim.simulation import DivergedError
 
 from ..honest.oracle import contradictions

@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from trunk_experiments.analysis.run_table import all_columns, recorded_metrics
+from trunk_core.results import plain
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.repetition import plan_of
+from trunk_evidence.run_table import all_columns, recorded_metrics
 from trunk_experiments.commands.info import summary
-from trunk_experiments.recorded.plan import plan_of
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.results import plain
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views.report_data import report_data
-from trunk_experiments.views.run_view import RunView
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
+from trunk_views.report_data import report_data
+from trunk_views.run_view import RunView
 
 # Of `info`: the log, which nothing that is shown is computed from, and the file's own members.
 _LOG = {"file", "files", "bytes", "checked", "end", "warnings", "recorded_by", "provenance"}

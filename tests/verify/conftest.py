@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs import engine
-from trunk_experiments.runs.offline_recording import record_offline
+from trunk_runs import engine
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 
 @pytest.fixture(autouse=True, params=["CPython", "compiled"])

@@ -3,15 +3,15 @@
 from dataclasses import replace
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, KEPT, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, KEPT, copied
 
-from trunk_experiments.plans import nodes
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.replay import verify as verify_module
-from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
-from trunk_experiments.runs.engine import states_of_run
-from trunk_experiments.runs.offline_recording import record_offline, record_states
-from trunk_msgs_util.recording.reader import Recording
+from trunk_evidence import judgement as verify_module
+from trunk_evidence.judgement import DIVERGES, UNJUDGED, VERIFIED, verify
+from trunk_recording.reader import Recording
+from trunk_runs import nodes
+from trunk_runs.engine import states_of_run
+from trunk_runs.offline_recording import record_offline, record_states
+from trunk_runs.plan import make_plan
 
 from .messages import COMMAND, TRUTH, of, without
 from .test_verify import flip_last_bit

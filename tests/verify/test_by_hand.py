@@ -4,15 +4,15 @@ from dataclasses import replace
 from math import nan
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.reader import Recording
-from trunk_sim.operator_input import Applied
+from trunk_core import topics
+from trunk_evidence.judgement import DIVERGES, UNJUDGED, VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_sim.inputs import Applied
 
 from .messages import of
 

@@ -5,16 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.plan import plan_of
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.doctor import examine
-from trunk_experiments.replay.explain import explain
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_evidence.doctor import findings
+from trunk_evidence.explanation import explain
+from trunk_evidence.judgement import UNJUDGED, VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.repetition import plan_of
+from trunk_recording.reader import Recording, RecordingError
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 from .. import real_time
 from ..real_time import in_frame, record_real_time
@@ -55,7 +55,11 @@ def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
     run = RecordedRun.open(tmp_path / "late.mcap")
     with pytest.raises(RecordingError, match="what it follows from, are not all on record"):
         explain(run, last + 0.1)
-    told = [f.message for f in examine(tmp_path / "late.mcap") if "steps are missing" in f.message]
+    told = [
+        f.message
+        for f in findings(RecordedRun.open(tmp_path / "late.mcap"))
+        if "steps are missing" in f.message
+    ]
     assert len(told) >= 4, told  # true and measured states, commands, disturbances, terms
 
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, content, copied, write
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, content, copied, write
 
+from trunk_core.topics import Event
+from trunk_evidence.judgement import UNJUDGED, VERIFIED, verify
 from trunk_experiments.cli import trunk
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.schemas import event
+from trunk_recording.schemas import event
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 from .messages import COMMAND, of
 

@@ -5,18 +5,18 @@ import tracemalloc
 from dataclasses import replace
 
 import pytest
-from ros2_ws.src.trunk_msgs_util.test.mcap_files import ANEW, NONE, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, NONE, copied
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.explain import explain
-from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.digests import HEADS, PARTS
-from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
+from trunk_evidence.differences import diff
+from trunk_evidence.explanation import explain
+from trunk_evidence.judgement import DIVERGES, UNJUDGED, VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_recording.digests import HEADS, PARTS
+from trunk_recording.reader import Recording, RecordingError
+from trunk_recording.schemas import parameter_event, parse_parameter_event
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_runs.timeline import Change
 
 from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of
 

@@ -1,5 +1,5 @@
 // A chainable effort controller around an exported PID: docs/export_c.md. Another law has other gains, and
-// lqr and computed_torque also read reading.hip.
+// computed_torque and state_feedback also read reading.hip.
 #include <cmath>
 #include <limits>
 #include <string>

@@ -14,6 +14,7 @@ laws = {  # and their modules
     "lqr": "lqr",
     "computed_torque": "computed_torque",
     "fuzzy": "fuzzy_torque",
+    "state_feedback": "state_feedback",
 }
 
 setup(
@@ -41,7 +42,9 @@ setup(
     ],
     # For wheels (docs/maintaining.md): bounds that include what the locks pin. ROS 2 comes by package.xml.
     install_requires=[
+        f"trunk_core=={version}",
         f"trunk_msgs_util=={version}",
+        "numpy>=1.26,<3",
     ],
     zip_safe=False,
     extras_require={"test": ["pytest"]},  # `colcon test` looks here for what runs the tests

@@ -34,13 +34,8 @@ setup(
     ],
     # For wheels (docs/maintaining.md): bounds that include what the locks pin. ROS 2 comes by package.xml.
     install_requires=[
-        "lz4>=4.0",
-        "mcap>=1.1,<2",
-        "numba>=0.61,<1",
-        "numpy>=1.26,<3",
-        "PyYAML>=6.0,<7",
-        "rosbags>=0.10,<1",
-        "zstandard>=0.22,<1",
+        f"trunk_core=={version}",
+        f"trunk_recording=={version}",
     ],
     zip_safe=False,
     extras_require={"test": ["pytest"]},  # `colcon test` looks here for what runs the tests

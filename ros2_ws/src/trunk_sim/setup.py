@@ -7,6 +7,7 @@ manifest = ElementTree.parse("package.xml")
 name = manifest.findtext("name")
 version = manifest.findtext("version")
 maintainer = manifest.find("maintainer")
+plants = ("trunk", "cart_pole")
 wheel = "TRUNK_WHEEL" in os.environ  # scripts/wheels.sh: no executables of nodes
 
 setup(
@@ -34,12 +35,14 @@ setup(
     ],
     # For wheels (docs/maintaining.md): bounds that include what the locks pin. ROS 2 comes by package.xml.
     install_requires=[
+        f"trunk_core=={version}",
         f"trunk_msgs_util=={version}",
         "numpy>=1.26,<3",
     ],
     zip_safe=False,
     extras_require={"test": ["pytest"]},  # `colcon test` looks here for what runs the tests
     entry_points={
+        "trunk.plants": [f"{plant} = trunk_sim.plants.{plant}:PLANT" for plant in plants],
         "console_scripts": []
         if wheel
         else [

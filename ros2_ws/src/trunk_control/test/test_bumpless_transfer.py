@@ -12,10 +12,10 @@ from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_control.controller import Controller
 from trunk_control.decide import active_at, transfer_limits, turn
 from trunk_control.fuzzy_pid import FuzzyPidConfig
-from trunk_control.law import Hip
-from trunk_control.limits import Limits
+from trunk_control.law import Hip, Limits
 from trunk_control.lqr import LqrConfig
 from trunk_control.pid import PidConfig
+from trunk_control.state_feedback import StateFeedbackConfig
 
 MS = 1_000_000
 every = pytest.mark.parametrize(
@@ -25,8 +25,9 @@ every = pytest.mark.parametrize(
         (Controller, FuzzyPidConfig()),
         (Controller, LqrConfig()),
         (Controller, ComputedTorqueConfig(i=1.0)),
+        (Controller, StateFeedbackConfig(x=-4.0, v=-3.0)),
     ],
-    ids=["pid", "fuzzy_pid", "lqr", "computed_torque"],
+    ids=["pid", "fuzzy_pid", "lqr", "computed_torque", "state_feedback"],
 )
 MODES = ["error", "measurement", "rate"]
 angles = st.floats(-1.0, 1.0)

@@ -8,11 +8,10 @@ from hypothesis import strategies as st
 
 from trunk_control.computed_torque import ComputedTorqueConfig, computed_torque_update
 from trunk_control.controller import Controller, hip_index, hip_seen
-from trunk_control.law import Hip, Sample
-from trunk_control.limits import DERIVATIVE_FROM_RATE, Limits
+from trunk_control.law import DERIVATIVE_FROM_RATE, Hip, Limits, Sample
 from trunk_control.pid import PidConfig
 from trunk_control.pid_family import Gains, PidState
-from trunk_msgs_util.mechanics import Body, inverse_dynamics
+from trunk_core.mechanics import Body, inverse_dynamics
 
 ANGLE = st.floats(-pi, pi)
 SPEED = st.floats(-5.0, 5.0)
@@ -23,11 +22,10 @@ LIMITS = Limits(derivative=DERIVATIVE_FROM_RATE)
 def test_a_heavy_hip_tends_to_the_prescribed_model(x, x_dot, theta, theta_dot):
     # A hip of infinite mass falls along its path by itself; without gravity it coasts.
     heavy = Body(hip_mass=1e12, gravity=0.0, amplitude=0.0)
-    prescribed = heavy._replace(prescribed=True)
     hip = Hip(x, x_dot)
     free, given_ = (
-        inverse_dynamics(hip.position, theta, hip.velocity, theta_dot, m)
-        for m in (heavy, prescribed)
+        inverse_dynamics(hip.position, theta, hip.velocity, theta_dot, heavy, prescribed)
+        for prescribed in (False, True)
     )
     assert free == pytest.approx(given_, abs=1e-9)
 
@@ -48,7 +46,7 @@ def test_terms_are_the_gains_times_the_inertia(x, x_dot, theta, theta_dot):
     inertia, bias = inverse_dynamics(hip.position, theta, hip.velocity, theta_dot, Body())
     assert inertia > 0.0
     sample = Sample(0.3, theta, theta_dot, 0.01, hip)
-    state, terms = computed_torque_update(PidState(), sample, (gains, Body()), LIMITS)
+    state, terms = computed_torque_update(PidState(), sample, (gains, Body(), False), LIMITS)
     wanted = 100.0 * (0.3 - theta) + 10.0 * state.integral - 20.0 * theta_dot
     assert terms.effort == pytest.approx(inertia * wanted + bias, abs=1e-9)
     assert (terms.kp, terms.ki, terms.kd) == tuple(inertia * gain for gain in gains)
@@ -63,7 +61,7 @@ def test_a_bad_sample_holds_the_command(bad, value):
     if value > 0.0 and bad in (0, 2):
         return  # large angles and positions are valid
     state = PidState(effort=2.5, started=True)
-    constants = Gains(1.0, 0.0, 1.0), Body()
+    constants = Gains(1.0, 0.0, 1.0), Body(), False
     sample = Sample(0.0, theta, theta_dot, 0.01, Hip(x, x_dot))
     held, terms = computed_torque_update(state, sample, constants, LIMITS)
     assert held is state

@@ -4,13 +4,14 @@ from math import inf, pi
 
 import pytest
 
-from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
 from trunk_control.fuzzy_pid import FuzzyPidConfig, GainBox
-from trunk_control.limits import (
+from trunk_control.law import (
     ANTIWINDUP_BACK_CALCULATION,
     ANTIWINDUP_CONDITIONAL_INTEGRATION,
     ANTIWINDUP_NONE,
+    ANTIWINDUP_STRATEGIES,
     DERIVATIVE_FROM_RATE,
+    DERIVATIVE_MODES,
     DERIVATIVE_ON_ERROR,
     DERIVATIVE_ON_MEASUREMENT,
     Limits,
@@ -18,7 +19,7 @@ from trunk_control.limits import (
 from trunk_control.pid import PidConfig
 from trunk_control.pid_family import Gains
 from trunk_control.rule_tables import ALPHA_AS_PRINTED
-from trunk_msgs_util.parameters.declarations import build, values_of
+from trunk_core.parameters.declarations import build, values_of
 
 BOTH = [PidConfig, FuzzyPidConfig]
 

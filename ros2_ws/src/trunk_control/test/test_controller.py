@@ -15,7 +15,8 @@ from trunk_control.law import Sample
 from trunk_control.lqr import LqrConfig
 from trunk_control.pid import PidConfig, pid_update
 from trunk_control.pid_family import PidState
-from trunk_msgs_util.units import period_ns
+from trunk_control.state_feedback import StateFeedbackConfig
+from trunk_core.units import period_ns
 
 MS = 1_000_000
 FREE = {"u_clamp_max": 1e9, "u_clamp_min": -1e9, "antiwindup_strategy": "none"}
@@ -26,10 +27,11 @@ every = pytest.mark.parametrize(
         (Controller, FuzzyPidConfig(**FREE)),
         (Controller, LqrConfig(**FREE)),
         (Controller, ComputedTorqueConfig(**FREE)),
+        (Controller, StateFeedbackConfig(**FREE)),
         (Controller, FuzzyConfig(**FREE)),
         (Controller, FuzzyConfig(form="pi", **FREE)),
     ],
-    ids=["pid", "fuzzy_pid", "lqr", "computed_torque", "fuzzy", "fuzzy_pi"],
+    ids=["pid", "fuzzy_pid", "lqr", "computed_torque", "state_feedback", "fuzzy", "fuzzy_pi"],
 )
 
 

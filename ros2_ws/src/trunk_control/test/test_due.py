@@ -9,7 +9,7 @@ from trunk_control.controller import Controller, settings_of
 from trunk_control.decide import Reading, decide, states_per_update
 from trunk_control.law import Hip
 from trunk_control.pid import PidConfig
-from trunk_msgs_util.compiled import compiled, with_arrays
+from trunk_core.compiled import compiled, with_arrays
 
 MS, RATE = 1_000_000, 200.0
 CONTROLLER = Controller(PidConfig(update_rate=RATE))

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from trunk_control.computed_torque import ComputedTorqueConfig, computed_torque_update
 from trunk_control.controller import Controller
 from trunk_control.fuzzy_pid import FuzzyPidConfig, GainBox, fuzzy_pid_update
-from trunk_control.law import Hip, Sample
-from trunk_control.limits import ANTIWINDUP_BACK_CALCULATION, Limits
+from trunk_control.law import ANTIWINDUP_BACK_CALCULATION, Hip, Limits, Sample
 from trunk_control.lqr import LqrConfig, lqr_update
 from trunk_control.pid import PidConfig, pid_update
 from trunk_control.pid_family import Gains, PidState, rescaled
-from trunk_msgs_util.mechanics import Body
+from trunk_control.state_feedback import reconfigure, state_feedback_update
+from trunk_core.mechanics import Body
 
 TINY, HUGE = 5e-324, float_info.max
 anything = st.floats()  # infinities, NaN and subnormal numbers too
@@ -24,6 +24,7 @@ not_negative = st.floats(0.0, HUGE) | st.sampled_from([0.0, TINY, 1e-200, 1e200,
 positive = not_negative.map(lambda value: value or TINY)
 dts = st.sampled_from([0.0, TINY, 1e-9, 0.005, 4e9, HUGE])
 gains = st.builds(Gains, not_negative, not_negative, not_negative)
+signed = st.tuples(st.builds(Gains, number, not_negative, number), number, number)
 
 
 @st.composite
@@ -60,7 +61,6 @@ harmonics = st.none() | st.lists(st.tuples(number, number), min_size=1, max_size
 models = st.builds(
     Body,
     *(positive, positive, positive, not_negative, number, number),
-    st.booleans(),
     harmonics=harmonics,
 )
 
@@ -82,14 +82,24 @@ def lqr_step(data):
 
 def computed_torque_step(data):
     hip = Hip(data.draw(anything), data.draw(anything))
-    chosen = data.draw(gains), data.draw(models)
+    chosen = data.draw(gains), data.draw(models), data.draw(st.booleans())
     return lambda state, sample, law: computed_torque_update(
         state, Sample(*sample, hip), chosen, law
     )
 
 
+def state_feedback_step(data):
+    hip, chosen = Hip(data.draw(anything), data.draw(anything)), data.draw(signed)
+    return lambda state, sample, law: state_feedback_update(
+        state, Sample(*sample, hip), chosen, law
+    )
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("make_step", [pid_step, fuzzy_pid_step, lqr_step, computed_torque_step])
+@pytest.mark.parametrize(
+    "make_step",
+    [pid_step, fuzzy_pid_step, lqr_step, computed_torque_step, state_feedback_step],
+)
 @given(st.data())
 def test_every_command_is_finite_and_within_its_limits(make_step, data):
     law, state = data.draw(laws()), data.draw(states)
@@ -105,6 +115,13 @@ def test_every_command_is_finite_and_within_its_limits(make_step, data):
 @given(states, gains, gains)
 def test_retuning_leaves_a_finite_integral(state, old, new):
     after = rescaled(state, old, new)
+    assert all(map(isfinite, after))
+    assert after._replace(integral=state.integral) == state
+
+
+@given(states, st.builds(Hip, number, number), signed, signed)
+def test_new_feedback_of_the_hip_leaves_a_finite_integral(state, hip, old, new):
+    after = reconfigure(state, Sample(0.0, 0.0, 0.0, 0.0, hip), old, new)
     assert all(map(isfinite, after))
     assert after._replace(integral=state.integral) == state
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from trunk_control.fuzzy import infer
 from trunk_control.fuzzy_pid import FuzzyPidConfig, GainBox, fuzzy_pid_update, inferred_gains
-from trunk_control.law import Sample
-from trunk_control.limits import Limits
+from trunk_control.law import Limits, Sample
 from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState
 

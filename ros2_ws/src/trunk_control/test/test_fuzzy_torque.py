@@ -13,12 +13,12 @@ from trunk_control.fuzzy_torque import (
     reconfigure,
     transfer,
 )
-from trunk_control.law import Sample
-from trunk_control.limits import (
+from trunk_control.law import (
     ANTIWINDUP_BACK_CALCULATION,
     ANTIWINDUP_CONDITIONAL_INTEGRATION,
     ANTIWINDUP_NONE,
     Limits,
+    Sample,
 )
 from trunk_control.pid_family import PidState
 from trunk_control.rule_tables import MACVICAR_WHELAN

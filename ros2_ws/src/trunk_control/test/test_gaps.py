@@ -8,7 +8,7 @@ import pytest
 from trunk_control.controller import Controller
 from trunk_control.laws import REGISTERED, law_named
 from trunk_control.pid import PidConfig
-from trunk_msgs_util.units import NANOSECONDS
+from trunk_core.units import NANOSECONDS
 
 PERIOD_NS = NANOSECONDS // 200
 LAWS = sorted(REGISTERED)

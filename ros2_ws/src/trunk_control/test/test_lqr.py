@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are
 
-from trunk_control.law import Sample
-from trunk_control.limits import DERIVATIVE_FROM_RATE, Limits
+from trunk_control.law import DERIVATIVE_FROM_RATE, Limits, Sample
 from trunk_control.lqr import LqrConfig, lqr_update
 from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState

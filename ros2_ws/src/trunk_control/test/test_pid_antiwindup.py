@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.limits import (
+from trunk_control.law import (
     ANTIWINDUP_BACK_CALCULATION,
     ANTIWINDUP_CONDITIONAL_INTEGRATION,
     ANTIWINDUP_NONE,

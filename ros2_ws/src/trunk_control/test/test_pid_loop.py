@@ -6,7 +6,7 @@ The plant is theta'' = u / J, exactly discretised for a held input, J = m l^2 = 
 import numpy as np
 import pytest
 
-from trunk_control.limits import Limits
+from trunk_control.law import Limits
 from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.limits import Limits
+from trunk_control.law import Limits
 from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState, rescaled
 

@@ -20,7 +20,7 @@ from trunk_control.rule_tables import (
     input_labels,
     is_table,
 )
-from trunk_msgs_util.parameters.declarations import build, with_cells
+from trunk_core.parameters.declarations import build, with_cells
 
 TABLES = {
     "kp": rule_tables.KP_AS_PRINTED,

@@ -1,4 +1,4 @@
-"""Control laws: PID, fuzzy inference, Fuzzy-PID, reference profiles; and their nodes.
+"""Control laws, from PID to state feedback, the rule bases of the fuzzy ones, references; and their nodes.
 
 Contract: only ``*_node.py`` imports ROS. Never imports ``trunk_sim``.
 """

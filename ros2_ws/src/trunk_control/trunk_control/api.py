@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from trunk_msgs_util.elementary import atan2, cos, exp, log, sin, sqrt, tanh
-from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+from trunk_core.elementary import atan2, cos, exp, log, sin, sqrt, tanh
+from trunk_core.parameters.declarations import ParameterError, parameter
 
-from .controller_config import ControllerConfig
-from .law import Hip, Law, Lookup, Sample
-from .limits import Limits, limited
+from .law import ControllerConfig, Hip, Law, Limits, Lookup, Sample, limited
 from .pid import pid_update
 from .pid_family import Gains, PidState, constant_gains, law_of_pid_family, usable
 from .pid_family import Terms as PidTerms

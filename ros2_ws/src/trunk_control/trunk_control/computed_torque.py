@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from trunk_msgs_util.mechanics import Body, inverse_dynamics
-from trunk_msgs_util.parameters.body import body_of, body_parameter
-from trunk_msgs_util.parameters.declarations import parameter
+from trunk_core.mechanics import Body, inverse_dynamics
+from trunk_core.parameters.declarations import parameter
+from trunk_core.parameters.shared import body_of, body_parameter
 
-from .controller_config import ControllerConfig
-from .law import Sample
-from .limits import Limits
+from .law import ControllerConfig, Limits, Sample
 from .pid_family import (
     Gains,
     PidState,
@@ -57,9 +55,9 @@ class ComputedTorqueConfig(WithGains, ControllerConfig):
         return body_of(self)
 
     @property
-    def constants(self) -> tuple[Gains, Body]:
-        """The gains, as accelerations, and the model."""
-        return self.gains, self.model
+    def constants(self) -> tuple[Gains, Body, bool]:
+        """The gains, as accelerations; the model; True if its hip keeps its speed whatever the trunk does."""
+        return self.gains, self.model, self.hip_mode == "prescribed"
 
     @property
     def damping_gain(self) -> float:
@@ -73,20 +71,22 @@ class ComputedTorqueConfig(WithGains, ControllerConfig):
 
 
 def computed_torque_update(
-    state: PidState, sample: Sample, constants: tuple[Gains, Body], limits: Limits
+    state: PidState, sample: Sample, constants: tuple[Gains, Body, bool], limits: Limits
 ) -> tuple[PidState, Terms]:
     """Return the next state and the terms of ``u = H (kp e + ki I + kd D) + c``.
 
-    ``constants``: the gains and the model. The gains give accelerations: 1/s^2, 1/s^3, 1/s; with an exact
-    model the error then obeys ``e'' + kd e' + kp e + ki I = 0``. The terms carry the gains times H. The
-    model uses the rate [rad/s] in every derivative mode. Holds the last command as `pid_update` does.
+    The gains give accelerations: 1/s^2, 1/s^3, 1/s; with an exact model the error then obeys
+    ``e'' + kd e' + kp e + ki I = 0``. The terms carry the gains times H. The model uses the rate [rad/s] in
+    every derivative mode. Holds the last command as `pid_update` does.
     """
-    gains, model = constants
+    gains, body, prescribed = constants
     reference, measurement, rate, dt, hip = sample
     error = reference - measurement
     if not usable(error, rate + hip.position + hip.velocity, dt):
         return held(state, gains, alpha_of(gains), limits)
-    inertia, bias = inverse_dynamics(hip.position, measurement, hip.velocity, rate, model)
+    inertia, bias = inverse_dynamics(
+        hip.position, measurement, hip.velocity, rate, body, prescribed
+    )
     effective = Gains(inertia * gains.p, inertia * gains.i, inertia * gains.d)
     alpha = alpha_of(effective)
     if not usable(error, bias, dt):  # the squares of finite rates may overflow
@@ -95,11 +95,11 @@ def computed_torque_update(
     return combine(state, error, measurement, derivative, dt, effective, alpha, limits, bias)
 
 
-def effective_gains(state: PidState, sample: Sample, constants: tuple[Gains, Body]) -> Gains:
+def effective_gains(state: PidState, sample: Sample, constants: tuple[Gains, Body, bool]) -> Gains:
     """Return the gains times the inertia at the last sample."""
-    hip, gains = sample.hip, constants[0]
+    hip, (gains, body, prescribed) = sample.hip, constants
     inertia, _ = inverse_dynamics(
-        hip.position, sample.measurement, hip.velocity, sample.rate, constants[1]
+        hip.position, sample.measurement, hip.velocity, sample.rate, body, prescribed
     )
     return Gains(inertia * gains.p, inertia * gains.i, inertia * gains.d)
 
@@ -110,4 +110,5 @@ LAW = law_of_pid_family(
     ComputedTorqueConfig,
     computed_torque_update,
     effective_gains,
+    plant="trunk",
 )

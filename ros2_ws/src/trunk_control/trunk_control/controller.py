@@ -1,14 +1,13 @@
-"""A controller, updated state by state; the nodes, the offline run and a replay all use it."""
+"""A controller, updated state by state; the nodes, the offline run and a verification all use it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from trunk_msgs_util.samples import has_doubled
-from trunk_msgs_util.units import LAST_STAMP_NS
+from trunk_core.samples import has_doubled
+from trunk_core.units import LAST_STAMP_NS
 
-from .controller_config import ControllerConfig
 from .decide import (
     ControllerState,
     Output,
@@ -22,9 +21,8 @@ from .decide import (
     initial_state,
     reconfigured,
 )
-from .law import Hip, Law, LawMemory
+from .law import ControllerConfig, Hip, Law, LawMemory, limited
 from .laws import law_of
-from .limits import limited
 
 _STILL = Hip()
 

@@ -11,21 +11,20 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_core import topics
+from trunk_core.samples import JointSample, has_doubled
+from trunk_core.text import quoted_names
+from trunk_core.topics import Event
+from trunk_core.units import seconds
 from trunk_msgs_util.node import discovery, qos
-from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.base import ENDING, TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
-from trunk_msgs_util.node.run import run_nodes
-from trunk_msgs_util.samples import JointSample, has_doubled
-from trunk_msgs_util.text import quoted_names
-from trunk_msgs_util.units import seconds
+from trunk_msgs_util.node.endpoints import AdaptiveSubscription
+from trunk_msgs_util.node.execution import run_nodes
 
 from .controller import Controller, JointPlaces, hip_seen
-from .controller_config import ControllerConfig
 from .decide import Output, Reading, state_record
-from .law import Law
+from .law import ControllerConfig, Law
 from .laws import law_named
 
 OWN_REFERENCE = topics.own_reference("~")

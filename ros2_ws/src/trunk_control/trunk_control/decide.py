@@ -5,7 +5,7 @@ the state nearest to the due instant, and holds its command in between. If it be
 moves, its transfer is bumpless: its integral is set so that its first command equals the torque that acts.
 
 Turns, due instants, time steps, the reference, transfer and holding are all handled here. The nodes, the
-offline run, the replay and the compiled loop compose this function and add no arithmetic. Several
+offline run, the verification and the compiled loop compose this function and add no arithmetic. Several
 controllers whose turns fit together take turns at the same state without exchanging messages.
 
 Pure: functions of integers, floats and named tuples, which CPython runs and numba compiles unchanged.
@@ -16,10 +16,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from trunk_msgs_util.units import seconds
+from trunk_core.units import seconds
 
-from .law import BumplessTransfer, Constants, Hip, Law, LawMemory, LawTerms, Sample, Update
-from .limits import Limits, limited
+from .law import (
+    BumplessTransfer,
+    Constants,
+    Hip,
+    Law,
+    LawMemory,
+    LawTerms,
+    Limits,
+    Sample,
+    Update,
+    limited,
+)
 from .reference import TOPIC, ReferenceProfile, reference_at
 
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from math import inf
 from typing import Any, NamedTuple
 
-from trunk_msgs_util.elementary import exp
+from trunk_core.elementary import exp
 
 
 class FuzzyRules(NamedTuple):

@@ -11,13 +11,11 @@ from functools import partial
 from math import inf
 from typing import Any, NamedTuple
 
-from trunk_msgs_util.parameters.declarations import parameter
+from trunk_core.parameters.declarations import parameter
 
 from . import rule_tables
-from .controller_config import ControllerConfig
 from .fuzzy import FiredRule, FuzzyCell, FuzzyRules, cell_at, fired_rules, infer, rules_of
-from .law import Lookup, Sample
-from .limits import Limits
+from .law import ControllerConfig, Limits, Lookup, Sample
 from .pid_family import (
     Gains,
     PidState,

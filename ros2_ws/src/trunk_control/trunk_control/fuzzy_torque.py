@@ -9,11 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from trunk_msgs_util.parameters.declarations import parameter
+from trunk_core.parameters.declarations import parameter
 
 from .fuzzy import FiredRule, bilinear, cell_edges, cell_kind, fired_at, four_rules, locate
-from .law import Law, Lookup, Sample
-from .limits import Limits, limited
+from .law import Law, Limits, Lookup, Sample, limited
 from .pid_family import Gains, PidState, combine, error_derivative, error_inputs, usable
 from .rule_base import (
     RuleBaseConfig,

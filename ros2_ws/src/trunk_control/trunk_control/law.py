@@ -1,13 +1,196 @@
-"""What a control law consists of: pure functions, parameters, a name and a label."""
+"""What a control law consists of: pure functions, parameters, a name and a label; and what all laws share.
+
+Every parameter that all controllers share is declared here, once, with what a law obeys whatever its gains:
+derivative mode, filter, limits and anti-windup. The latter are a named tuple and a scalar function, which
+CPython runs and numba compiles unchanged.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
+from math import inf
 from typing import Any, NamedTuple, get_type_hints
 
-from .controller_config import ControllerConfig
-from .limits import Limits
+from trunk_core.parameters.declarations import ParameterError, check_together, parameter
+from trunk_core.parameters.shared import lockstep_parameter, rate_parameter
+from trunk_core.units import nanoseconds
+
+from .reference import ReferenceConfig
+
+DERIVATIVE_ON_ERROR = 0  # D = (e_k - e_{k-1}) / h: the paper's eq. 13, kicks on reference steps
+DERIVATIVE_ON_MEASUREMENT = 1  # D = -(y_k - y_{k-1}) / h
+DERIVATIVE_FROM_RATE = 2  # D = -(measured rate): a gyro
+
+ANTIWINDUP_NONE = 0
+ANTIWINDUP_CONDITIONAL_INTEGRATION = 1
+ANTIWINDUP_BACK_CALCULATION = 2
+
+
+class Limits(NamedTuple):
+    """What stays fixed while the gains change: modes, filter and limits.
+
+    ``tracking_time_constant`` [s] is used by back-calculation, at least dt; 0 means sqrt(kd / ki)
+    (= sqrt(Ti Td)), and kp / ki (= Ti) where kd is 0.
+    """
+
+    derivative: int = DERIVATIVE_ON_ERROR
+    filter_time: float = 0.0  # s; 0: no filter
+    u_min: float = -inf  # N m
+    u_max: float = inf  # N m
+    i_min: float = -inf  # N m, limits of the integral term
+    i_max: float = inf  # N m
+    antiwindup: int = ANTIWINDUP_NONE
+    tracking_time_constant: float = 0.0  # s
+
+
+def limited(effort: float, limits: Limits) -> float:
+    """Return a command in N m, limited to [u_min, u_max]."""
+    if effort > limits.u_max:
+        return limits.u_max
+    return limits.u_min if effort < limits.u_min else effort
+
+
+DERIVATIVE_MODES = ("error", "measurement", "rate")
+ANTIWINDUP_STRATEGIES = ("none", "conditional_integration", "back_calculation")
+
+
+@dataclass(frozen=True)
+class ControllerConfig(ReferenceConfig):
+    """What every controller declares: its rate, joint, reference, derivative and limits."""
+
+    update_rate: float = rate_parameter("Rate of the control law, measured by the states' stamps")
+    lockstep: bool = lockstep_parameter(
+        "Answer every state; between updates, repeat the last command"
+    )
+    derivative_mode: str = parameter(
+        "derivative_mode",
+        "rate",
+        "The derivative of the error, of the measurement, or the measured rate (a gyro)",
+        choices=DERIVATIVE_MODES,
+    )
+    derivative_filter_time: float = parameter(
+        "derivative_filter_time",
+        0.0,
+        "Time constant of the derivative's filter; 0: none",
+        unit="s",
+        minimum=0.0,
+        maximum=1e3,
+    )
+    u_clamp_max: float = parameter(
+        "u_clamp_max", 100.0, "Upper limit of the command", unit="N m", unbounded=True
+    )
+    u_clamp_min: float = parameter(
+        "u_clamp_min", -100.0, "Lower limit of the command", unit="N m", unbounded=True
+    )
+    i_clamp_max: float = parameter(
+        "i_clamp_max",
+        inf,
+        "Upper limit of the integral term",
+        unit="N m",
+        minimum=0.0,
+        unbounded=True,
+    )
+    i_clamp_min: float = parameter(
+        "i_clamp_min",
+        -inf,
+        "Lower limit of the integral term",
+        unit="N m",
+        maximum=0.0,
+        unbounded=True,
+    )
+    antiwindup_strategy: str = parameter(
+        "antiwindup_strategy",
+        "conditional_integration",
+        "What the integral does while the command is limited",
+        choices=ANTIWINDUP_STRATEGIES,
+    )
+    tracking_time_constant: float = parameter(
+        "tracking_time_constant",
+        0.0,
+        "Time constant of back-calculation; 0: sqrt(kd / ki)",
+        unit="s",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    active_times: tuple[float, ...] = parameter(
+        "active.times",
+        (),
+        "Times at which the controller becomes active, inactive, active ...; empty: always active",
+        unit="s",
+        element=float,
+        minimum=0.0,
+        maximum=1e6,
+        fixed=True,
+    )
+    handover_step: float = parameter(
+        "handover.max_step",
+        1.0,
+        "After a takeover the command moves by at most this per update until it meets the law's",
+        unit="N m",
+        above=0.0,
+        unbounded=True,
+    )
+
+    max_gap_periods: int = parameter(
+        "gap.max_periods",
+        100,
+        "After more periods without a state, by the stamps, start afresh as after a reset; 0: never",
+        minimum=0,
+        maximum=1_000_000,
+    )
+
+    def __post_init__(self) -> None:
+        if not self.u_clamp_max > self.u_clamp_min:
+            raise ParameterError(
+                "u_clamp_max",
+                self.u_clamp_max,
+                f"it must be greater than u_clamp_min ({self.u_clamp_min:g})",
+            )
+        super().__post_init__()
+        check_together(self)
+        if any(b <= a for a, b in pairwise(self.active_times)):
+            raise ParameterError("active.times", self.active_times, "strictly ascending times")
+
+    @property
+    def active_times_ns(self) -> tuple[int, ...]:
+        """`active_times` in ns."""
+        return tuple(nanoseconds(t) for t in self.active_times)
+
+    @property
+    def hip(self) -> str | None:
+        """The hip's joint, where the law uses its motion."""
+        return None
+
+    @property
+    def uses_rate(self) -> bool:
+        """True if the law uses the measured rate; a state without it is then not answered."""
+        return self.derivative_mode == "rate" or self.hip is not None
+
+    @property
+    def damping_gain(self) -> float:
+        """The largest gain on the rate, N m s/rad: it bounds the sampled loop's period."""
+        return 0.0
+
+    @property
+    def constants(self) -> tuple[Any, ...]:
+        """What the law's functions take besides the sample; each law defines it."""
+        raise NotImplementedError
+
+    @property
+    def limits(self) -> Limits:
+        """What stays fixed while gains change."""
+        return Limits(
+            DERIVATIVE_MODES.index(self.derivative_mode),
+            self.derivative_filter_time,
+            self.u_clamp_min,
+            self.u_clamp_max,
+            self.i_clamp_min,
+            self.i_clamp_max,
+            ANTIWINDUP_STRATEGIES.index(self.antiwindup_strategy),
+            self.tracking_time_constant,
+        )
 
 
 class Hip(NamedTuple):
@@ -98,6 +281,7 @@ class Law:
     reconfigure: Reconfigure = unchanged  # to other constants, without a jump
     describe: Callable[[Any], str] | None = None  # what to add to the label about a configuration
     lookup: Lookup | None = None
+    plant: str = ""  # whose model it contains; empty: any plant's
 
     def __post_init__(self) -> None:
         if "effort" not in getattr(self.memory, "_fields", ()):

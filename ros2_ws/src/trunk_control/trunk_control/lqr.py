@@ -11,13 +11,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from trunk_msgs_util.elementary import sin
-from trunk_msgs_util.mechanics import Body
-from trunk_msgs_util.parameters.declarations import parameter
+from trunk_core.elementary import sin
+from trunk_core.mechanics import Body
+from trunk_core.parameters.declarations import parameter
 
-from .controller_config import ControllerConfig
-from .law import Sample
-from .limits import Limits
+from .law import ControllerConfig, Limits, Sample
 from .pid_family import (
     Gains,
     PidState,

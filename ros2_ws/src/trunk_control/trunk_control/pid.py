@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .controller_config import ControllerConfig
-from .law import Sample
-from .limits import Limits
+from .law import ControllerConfig, Limits, Sample
 from .pid_family import (
     Gains,
     PidState,

@@ -10,16 +10,22 @@ from collections.abc import Callable
 from math import sqrt
 from typing import Any, NamedTuple
 
-from trunk_msgs_util.parameters.declarations import parameter
+from trunk_core.parameters.declarations import parameter
 
-from .controller_config import ControllerConfig
-from .law import BumplessTransfer, Constants, Law, Lookup, Reconfigure, Sample, Update
-from .limits import (
+from .law import (
     ANTIWINDUP_BACK_CALCULATION,
     ANTIWINDUP_CONDITIONAL_INTEGRATION,
     DERIVATIVE_FROM_RATE,
     DERIVATIVE_ON_MEASUREMENT,
+    BumplessTransfer,
+    Constants,
+    ControllerConfig,
+    Law,
     Limits,
+    Lookup,
+    Reconfigure,
+    Sample,
+    Update,
     limited,
 )
 
@@ -263,6 +269,7 @@ def law_of_pid_family(
     gains: GainsOf,
     describe: Callable[[Any], str] | None = None,
     lookup: Lookup | None = None,
+    plant: str = "",
 ) -> Law:
     """Return a law whose memory is `PidState` and whose terms are `Terms`.
 
@@ -280,6 +287,7 @@ def law_of_pid_family(
         reconfigure_by_integral(gains),
         describe,
         lookup,
+        plant,
     )
 
 

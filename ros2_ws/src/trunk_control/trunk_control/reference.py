@@ -10,13 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from trunk_msgs_util.elementary import sine_wave
-from trunk_msgs_util.parameters.config import (
-    ManagedConfig,
-    lockstep_parameter,
-    rate_parameter,
-)
-from trunk_msgs_util.parameters.declarations import (
+from trunk_core.elementary import sine_wave
+from trunk_core.parameters.declarations import (
     MOST_ROWS,
     ParameterError,
     TableFile,
@@ -24,7 +19,8 @@ from trunk_msgs_util.parameters.declarations import (
     parameter,
     times_parameter,
 )
-from trunk_msgs_util.units import held, interpolated, nanoseconds, period_ns
+from trunk_core.parameters.shared import PeriodicConfig, lockstep_parameter, rate_parameter
+from trunk_core.units import held, interpolated, nanoseconds
 
 PROFILES = ("constant", "step", "sine", "sequence", "interpolated")
 CONSTANT, STEP, SINE, SEQUENCE, INTERPOLATED, TOPIC = range(6)
@@ -72,7 +68,7 @@ REFERENCE_PROFILES = (*PROFILES, "topic")  # in the order of their kinds
 
 
 @dataclass(frozen=True)
-class ReferenceConfig(ManagedConfig):
+class ReferenceConfig(PeriodicConfig):
     """Parameters of the ``reference`` node; controllers have the same."""
 
     table_files: ClassVar[tuple[TableFile, ...]] = (
@@ -136,11 +132,6 @@ class ReferenceConfig(ManagedConfig):
             raise ParameterError(
                 "reference.profile", "interpolated", "at least one of reference.times is needed"
             )
-
-    @property
-    def period_ns(self) -> int:
-        """The period in ns."""
-        return period_ns(self.update_rate)
 
     @property
     def reference(self) -> ReferenceProfile:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_core.samples import JointSample
 from trunk_msgs_util.node.ahead_node import AheadNode
-from trunk_msgs_util.node.run import main_for
-from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.node.execution import main_for
 
 from .reference import ReferenceConfig, reference_at
 
@@ -19,11 +19,6 @@ class ReferenceNode(AheadNode[ReferenceConfig]):
     def reconfigure(self, config: ReferenceConfig) -> None:
         """Take a changed profile; it holds from the next stamp on."""
         self._profile = config.reference
-
-    @property
-    def period_ns(self) -> int:
-        """The plant's period, ns."""
-        return self.config.period_ns
 
     def sample_at(self, stamp_ns: int) -> JointSample:
         """Return the reference of the state with this stamp, rad."""

@@ -9,10 +9,10 @@ from itertools import pairwise
 from math import pi
 from typing import Any
 
-from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+from trunk_core.parameters.declarations import ParameterError, parameter
 
-from .controller_config import ControllerConfig
 from .fuzzy import FiredRule
+from .law import ControllerConfig
 from .rule_tables import FEWEST, MOST, Axes, Range, RuleTable, check_labels, input_labels
 
 EVEN_PEAKS = tuple(i / 3.0 for i in range(-3, 4))

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from trunk_msgs_util.text import plain_number
+from trunk_core.text import plain_number
 
 INPUT_LABELS = ("NB", "NM", "NS", "ZO", "PS", "PM", "PB")
 # The usual names of so many triangles; of nine, the seven with "very big" at either end.

@@ -12,8 +12,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from trunk_experiments.runs import launching
-from trunk_experiments.runs.run_files import RunFiles
+from trunk_runs import processes
+from trunk_runs.run_files import RunFiles
 
 
 class OrderlyEnd:
@@ -34,13 +34,13 @@ class OrderlyEnd:
                 self.failed.append(f"{name} ended with exit code {event.returncode}")
             if not self.running:
                 self.files.describe()
-                lacks = launching.what_lacks(self.files.recording)
+                lacks = processes.what_lacks(self.files.recording)
                 if self.failed or lacks:
                     causes = dict.fromkeys([self.first, *self.failed])
                     raise RuntimeError("; ".join(filter(None, [*causes, lacks])))
             if context.is_shutdown:
                 return []
-            others = launching.next_to_stop(self.running)
+            others = processes.next_to_stop(self.running)
             if not others:
                 reason = f"the run is over: {self.files.recording}"
                 return [LogInfo(msg=reason), EmitEvent(event=Shutdown(reason=reason))]
@@ -56,10 +56,10 @@ class OrderlyEnd:
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Make the plan, write its parameter file, start the nodes with it."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in launching.ARGUMENTS}
-    plan = launching.launch_plan(given)
+    given = {name: LaunchConfiguration(name).perform(context) for name in processes.ARGUMENTS}
+    plan = processes.launch_plan(given)
     files = RunFiles.for_run(plan, Path(given["output"]) if given["output"] else None)
-    nodes = launching.launch_nodes(files.record(plan), files.parameters)
+    nodes = processes.launch_nodes(files.record(plan), files.parameters)
 
     end = OrderlyEnd([node.executable for node in nodes], files)
     for node in nodes:
@@ -79,7 +79,7 @@ def generate_launch_description() -> LaunchDescription:
         [
             *(
                 DeclareLaunchArgument(name, default_value=default, description=description)
-                for name, (default, description) in launching.ARGUMENTS.items()
+                for name, (default, description) in processes.ARGUMENTS.items()
             ),
             OpaqueFunction(function=start),
         ]

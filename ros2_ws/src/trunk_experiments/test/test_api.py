@@ -14,9 +14,9 @@ from click.testing import CliRunner
 
 import trunk_experiments.api as trunk
 from trunk_experiments.commands import export, metrics
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.writer import RecordingWriter
+from trunk_recording.writer import RecordingWriter
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 LISTED = {"trunk_mass": trunk.grid("simulator.plant.trunk_mass", np.array([0.4, 0.6]))}
 
@@ -94,10 +94,14 @@ def test_tuned_gains_are_overrides_of_a_plan():
     sampled = trunk.tune("lqr", rate=100.0, discrete=True)
     ratios = [sampled[f"lqr.gains.{n}"] / trunk.tune("lqr")[f"lqr.gains.{n}"] for n in "pid"]
     assert ratios == pytest.approx([0.92, 0.92, 0.92], abs=0.03)  # smaller, as docs/model.md says
-    with pytest.raises(trunk.PlanError, match="one of lqr, pid, computed_torque"):
+    with pytest.raises(trunk.PlanError, match="one of lqr, state_feedback, pid, computed_torque"):
         trunk.tune("fuzzy_pid")
     with pytest.raises(trunk.PlanError, match="above 0, of integral, angle, speed, torque"):
         trunk.tune("lqr", largest={"force": 1.0})
+    with pytest.raises(trunk.PlanError, match="above 0, of position, angle, velocity, speed"):
+        trunk.tune("state_feedback", largest={"integral": 1.0})
+    with pytest.raises(trunk.PlanError, match="cannot move one without the other"):
+        trunk.tune("state_feedback", largest={"position": 0.1})
 
 
 def test_a_relay_gives_table_1s_gains():

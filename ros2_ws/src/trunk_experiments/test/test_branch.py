@@ -5,17 +5,17 @@ from dataclasses import replace
 
 import pytest
 
+from trunk_core.topics import Event
+from trunk_evidence.branching import Branch, fanned
+from trunk_evidence.differences import diff
+from trunk_evidence.judgement import VERIFIED, verdict_on
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments.cli import main
-from trunk_experiments.plans.plan import Swap, make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.branch import Branch, fanned
-from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.verify import VERIFIED, verdict_on
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views.compare import compare
-from trunk_experiments.views.run_view import RunView
-from trunk_msgs_util.events import Event
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import Swap, make_plan
+from trunk_runs.timeline import Change
+from trunk_views.comparison import compare
+from trunk_views.run_view import RunView
 
 STEP = 5_000_000  # ns, at 200 Hz
 AT = 500_000_000  # ns

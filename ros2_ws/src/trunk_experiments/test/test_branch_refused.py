@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import pytest
 
+from trunk_core.errors import PlanError
+from trunk_evidence.recorded_run import branch_of
 from trunk_experiments.commands import branch as branch_verb
-from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.pushes import Push, parse_push, pushed
-from trunk_experiments.recorded.run import branch_of
+from trunk_runs.timeline import Push, parse_push, pushed
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import disturbance_at
+from trunk_sim.plants.trunk import PLANT
 
 
 @pytest.fixture
@@ -99,7 +100,7 @@ def test_a_push_is_added_to_a_held_table_and_to_no_other():
     held = DisturbanceConfig(
         table_times=(0.2, 0.6), table_values=(5.0, 0.0), table_interpolation="hold"
     )
-    push = parse_push("60Nm:0.1s", 0.5)
+    push = parse_push("60Nm:0.1s", 0.5, PLANT)
     assert push == Push("trunk_effort", 60.0, 0.5, 0.1)
     changed = pushed(held, [push])
     after = replace(held, table_times=changed["table.times"], table_values=changed["table.values"])

@@ -9,22 +9,17 @@ from dataclasses import replace
 import pytest
 from click.testing import CliRunner
 
-from trunk_experiments.analysis.metrics import QUANTITIES, metrics
-from trunk_experiments.analysis.parameter_text import differing_texts
-from trunk_experiments.analysis.run_table import RunTable
+from trunk_evidence.parameter_text import differing_texts
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_metrics import QUANTITIES
+from trunk_evidence.run_table import RunTable, metrics
 from trunk_experiments.cli import trunk
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views.compare import (
-    best_of,
-    compare,
-    differing_parameters,
-    split_parameters,
-)
-from trunk_experiments.views.report import make_report, render
-from trunk_experiments.views.run_view import RunView, labels
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_runs.timeline import Change
+from trunk_views.comparison import best_of, compare, differing_parameters, split_parameters
+from trunk_views.run_report import make_report, render
+from trunk_views.run_view import RunView, labels
 
 
 @pytest.fixture(scope="module")

@@ -14,23 +14,23 @@ import numpy as np
 import pytest
 
 from trunk_control.laws import law_named
-from trunk_experiments.batch import compiled_run
-from trunk_experiments.batch.check import first_difference
-from trunk_experiments.batch.compiled_run import Batch, start_of_loop
-from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.plans.plan import Swap, make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.runs import engine
-from trunk_experiments.runs.engine import states_of_run
-from trunk_experiments.runs.loop_inputs import check_compilable
-from trunk_experiments.runs.schedule import Schedule
-from trunk_msgs_util import compiled
-from trunk_msgs_util.parameters.declarations import declarations, values_of
-from trunk_sim.actuator import saturate
+from trunk_core import compiled
+from trunk_core.errors import PlanError
+from trunk_core.parameters.declarations import declarations, values_of
+from trunk_experiments.conformance.kit import first_difference
+from trunk_runs import engine
+from trunk_runs.engine import VELOCITY, states_of_run
+from trunk_runs.loop import Schedule, check_compilable
+from trunk_runs.nodes import NODES
+from trunk_runs.plan import Swap, make_plan
+from trunk_runs.timeline import Change
+from trunk_sim.plants.trunk import passive
+from trunk_sim.step import Dynamics, on_second, saturate
+from trunk_studies.batch import compiled_run
+from trunk_studies.batch.compiled_run import Batch, start_of_loop
 
-from .random_plans import random_plan
-from .stepwise import steps
+from ...trunk_runs.test.random_plans import random_plan
+from ...trunk_runs.test.stepwise import steps
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ NOT_DRAWN = {
 
 @pytest.mark.slow
 def test_every_parameter_is_drawn():
-    plans = [random_plan(index) for index in range(300)]
+    plans = [random_plan(index) for index in range(400)]
     seen = defaultdict(set)
     for plan in plans:
         for node, config in plan.configs.items():
@@ -65,14 +65,14 @@ def test_every_parameter_is_drawn():
 
 def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
     plan = make_plan("fig8", "pid", everywhere={"duration": 0.1})
-    loop = compiled_run.compiled_loop(tuple(plan.controllers))
+    loop = compiled_run.compiled_loop(tuple(plan.controllers), plan.simulator.dynamics)
 
     def off(*given):
         result, out = loop(*given), given[-1]
         out[compiled_run.THETA, 7] *= 1.0 + 2.0**-52
         return result
 
-    monkeypatch.setattr(compiled_run, "compiled_loop", lambda names: off)
+    monkeypatch.setattr(compiled_run, "compiled_loop", lambda *given: off)
     assert "step 7: theta is" in first_difference(plan, batch)
 
 
@@ -82,7 +82,8 @@ def test_the_same_loop_runs_in_cpython(batch):
     plan = make_plan("fig8", "pid", everywhere={"duration": 0.05}, swaps=[Swap(0.02, "lqr")])
     expected = batch.run(plan).table
     out = np.empty((compiled_run.ROWS, len(expected.t)))
-    loop = compiled_run.loop_of(*(law_named(name) for name in plan.controllers))
+    laws = (law_named(name) for name in plan.controllers)
+    loop = compiled_run.loop_of(*laws, dynamics=Dynamics(on_second, passive))
     start, noise = compiled_run.start_of_loop(plan), compiled_run._NO_NOISE
     assert loop(51, *start, noise, np.empty((1, 4)), Schedule(), out) == (51, False, False)
     assert out[compiled_run.THETA].tolist() == expected.theta.tolist()
@@ -108,6 +109,18 @@ def test_what_a_compiled_loop_cannot_model_is_refused_by_name(batch):
         batch.run(plan.with_controller(replace(plan.controller, active_times=(1.0,))))
 
 
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_hip_that_is_prescribed_during_the_run_keeps_its_speed_from_then_on(compiled):
+    """Other equations are another loop."""
+    plan = make_plan("fig8", "pid", everywhere={"duration": 0.2})
+    change = Change(99 * plan.simulator.period_ns, {"hip.mode": "prescribed"})
+    plan = replace(plan, changes={"simulator": [change]})
+    table = np.concatenate([states.table for states in states_of_run(plan, compiled)])
+    speed = table[:, VELOCITY][:, 0]
+    assert len(set(speed[:100])) == 100
+    assert len(set(speed[100:])) == 1
+
+
 def test_cpython_does_it_where_numba_is_missing(monkeypatch):
     plan = make_plan("fig7", "pid", everywhere={"duration": 0.2})
     for name in {"numba", *(name for name in sys.modules if name.startswith("numba."))}:
@@ -125,10 +138,14 @@ def test_short_runs_do_not_load_the_compiler():
     assert engine.worth_compiling(make_plan("fig8", "pid", everywhere={"duration": 10.0}).simulator)
 
 
+def loop_of(name, accelerations=passive):
+    return compiled_run.loop_of(law_named(name), dynamics=Dynamics(on_second, accelerations))
+
+
 def test_fingerprints_differ_by_law_and_are_stable():
-    pid, fuzzy_pid = (compiled_run.loop_of(law_named(name)) for name in ("pid", "fuzzy_pid"))
+    pid, fuzzy_pid = (loop_of(name) for name in ("pid", "fuzzy_pid"))
     assert compiled.fingerprint(pid) != compiled.fingerprint(fuzzy_pid)
-    again = compiled_run.loop_of(law_named("pid"))
+    again = loop_of("pid")
     assert compiled.fingerprint(pid) == compiled.fingerprint(again)
 
 
@@ -173,9 +190,9 @@ def test_the_machine_code_is_of_all_that_its_sources_import(tmp_path, monkeypatc
     compiled._imported.cache_clear()
 
 
-@pytest.mark.parametrize("name", ["trunk_sim/config", "trunk_control/law", "trunk_msgs_util/units"])
+@pytest.mark.parametrize("name", ["trunk_sim/config", "trunk_control/law", "trunk_core/units"])
 def test_the_machine_code_of_a_run_is_of_all_that_its_loop_imports(monkeypatch, name):
-    loop = compiled_run.loop_of(law_named("pid"))
+    loop = loop_of("pid")
     before = compiled.fingerprint(loop)
     meaning = compiled._meaning
     monkeypatch.setattr(

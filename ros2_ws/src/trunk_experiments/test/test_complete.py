@@ -7,7 +7,7 @@ import pytest
 from click.shell_completion import ShellComplete
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.runs.node_processes import find_executable
+from trunk_runs.processes import find_executable
 
 
 @pytest.mark.parametrize(
@@ -21,10 +21,10 @@ from trunk_experiments.runs.node_processes import find_executable
         (["sweep"], "r", ["robustness", "rules"]),
         (["list"], "s", ["scenarios", "schemas", "studies"]),
         (["study"], "s", ["show"]),
-        (["controller"], "ch", ["check", "check-node"]),
+        (["controller"], "ch", ["check"]),
         (["controller", "check"], "fuzzy", ["fuzzy_pid", "fuzzy"]),
         (["simulat"], "z", []),
-        (["params"], "s", ["set", "show", "simulator"]),
+        (["params"], "s", ["set", "show", "simulator", "state_feedback"]),
         (["params", "show"], "fuzzy_z", ["fuzzy_zhao_1993"]),
         (["params", "set"], "fuzzy", ["fuzzy_pid", "fuzzy"]),
         (["params", "apply", "pid"], "pid_as", ["pid_as_printed"]),

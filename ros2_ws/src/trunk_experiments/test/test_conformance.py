@@ -1,23 +1,27 @@
 """The conformance kit finds each planted fault by its own check, and nothing in an honest law."""
 
 import sys
+from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
 from itertools import product
 from types import ModuleType
+from typing import NamedTuple
 
 import pytest
 
 from trunk_control.law import Law
 from trunk_control.laws import law_named
-from trunk_experiments.batch import compiled_run
-from trunk_experiments.conformance.law import CHECKS, LawCheck, _problems, conformance
-from trunk_experiments.plans.nodes import CONTROLLERS
+from trunk_experiments.conformance.kit import Check
+from trunk_experiments.conformance.law import CHECKS, CONTRACT, conformance
+from trunk_experiments.conformance.purity import problems
+from trunk_runs.nodes import CONTROLLERS
+from trunk_studies.batch import compiled_run
 
-from .faulty_laws import FAULTS, HONEST
+from ...trunk_control.test.faulty_laws import FAULTS, HONEST, Memory
 
 BY_NAME = {check.name: check for check in CHECKS}
-# These two need a registered name; tests/graph/test_pages.py has them.
-ALONE = [check for check in CHECKS if check.name not in ("compiled", "replay")]
+# These need a registered name; tests/graph/test_pages.py has them.
+ALONE = [check for check in CHECKS if check.name not in ("compiled", "lanes", "replay")]
 
 
 COMPILED_LONG = {("compiled", name) for name in CONTROLLERS if name != "computed_torque"}
@@ -35,8 +39,35 @@ def test_a_planted_fault_is_found_by_its_own_check(check: str, law: Law) -> None
 
 
 @pytest.mark.parametrize("check", ALONE, ids=lambda check: check.name)
-def test_an_honest_law_passes_every_check(check: LawCheck) -> None:
+def test_an_honest_law_passes_every_check(check: Check[Law]) -> None:
     assert [one for one in check.run(HONEST) if not one.note] == []
+
+
+class Counting(NamedTuple):
+    effort: float = 0.0
+    count: int = 0
+
+
+class Window(NamedTuple):
+    effort: float = 0.0
+    past: tuple[float, list[float]] = (0.0, [1.0])
+
+
+@pytest.mark.parametrize("check", ["lanes", "linear"])
+def test_a_memory_of_other_than_numbers_is_noted_by_name(check: str) -> None:
+    (note,) = BY_NAME[check].run(replace(HONEST, memory=Window()))
+    assert note.note
+    assert "memory.past.1 is [1.0]" in note.problem
+
+
+def test_a_memory_that_counts_at_rest_has_no_linear_model() -> None:
+    def count(memory, sample, constants, limits):
+        after, terms = HONEST.update(Memory(0.0, memory.effort), sample, constants, limits)
+        return Counting(after.effort, memory.count + 1), terms
+
+    counting = replace(HONEST, update=count, memory=Counting())
+    (note,) = BY_NAME["linear"].run(counting)
+    assert "whole numbers or flags in its memory change from update to update" in note.problem
 
 
 def test_what_numba_refuses_is_noted(command_says, monkeypatch):
@@ -51,7 +82,7 @@ def test_what_numba_refuses_is_noted(command_says, monkeypatch):
     (note,) = [line for line in out.splitlines() if line.startswith("note: compiled")]
     assert "not compilable: no dict" in note
     assert "sweeps will use CPython, " in note
-    assert "17 of 18 kept, 1 noted\n" in out
+    assert "19 of 20 kept, 1 noted\n" in out
     assert [line.split()[1] for line in out.splitlines() if line.startswith("  compiled ")] == [
         "noted"
     ]
@@ -72,7 +103,7 @@ def test_what_numba_refuses_is_noted(command_says, monkeypatch):
         for name, check in product(CONTROLLERS, CHECKS)
     ],
 )
-def test_the_shipped_laws_pass_every_check(name: str, check: LawCheck) -> None:
+def test_the_shipped_laws_pass_every_check(name: str, check: Check[Law]) -> None:
     assert conformance(name, [check]) == []
 
 
@@ -120,10 +151,10 @@ def test_a_power_is_refused_with_what_to_write(tmp_path, power: str, instead: st
     source = spec_from_file_location("powers", tmp_path / "powers.py")
     module = module_from_spec(source)
     source.loader.exec_module(module)
-    found = list(_problems(module.update))
+    found = list(problems(module.update, CONTRACT))
     assert [instead in str(one) for one in found] == ([] if instead is None else [True])
     assert all(one.check == "portable" for one in found)
-    assert "x **= y" in str(list(_problems(module.into)))
+    assert "x **= y" in str(list(problems(module.into, CONTRACT)))
 
 
 @pytest.fixture

@@ -10,13 +10,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from trunk_experiments.batch import cuda
-from trunk_experiments.errors import LibraryError, NotInstalledError
-from trunk_experiments.study.study import parse_study
-from trunk_experiments.study.sweep import SweepJob, processes, run_block
+from trunk_core.errors import LibraryError, NotInstalledError
+from trunk_studies.batch import cuda
+from trunk_studies.study import parse_study
+from trunk_studies.sweep_execution import SweepJob, processes, run_block
 
-from .cpp_device import COMPILER, CppDevice, kernel_and_words
-from .random_plans import DISTURBED, several
+from ...trunk_runs.test.random_plans import DISTURBED, several
+from ...trunk_studies.test.cpp_device import COMPILER, CppDevice, kernel_and_words
 
 RUNS = 300
 STUDY = """

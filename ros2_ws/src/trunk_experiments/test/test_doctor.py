@@ -4,20 +4,21 @@ import struct
 import pytest
 
 from trunk_control.laws import law_named
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_evidence.doctor import ERROR, INFO, WARNING, findings
+from trunk_evidence.judgement import verify
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments.commands.info import exit_code
-from trunk_experiments.replay.doctor import ERROR, INFO, WARNING, examine
-from trunk_experiments.replay.verify import verify
-from trunk_msgs_util import topics
-from trunk_msgs_util.provenance import FORMAT
-from trunk_msgs_util.recording.digests import PARTS
-from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
-from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.recover import recover
-from trunk_msgs_util.recording.schemas import event, parameter_event
-from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
-from trunk_msgs_util.samples import JointSample
+from trunk_recording.cdr import JointStateLayout, layout_of
+from trunk_recording.digests import PARTS
+from trunk_recording.provenance import FORMAT
+from trunk_recording.reader import Recording, RecordingError
+from trunk_recording.repair import recover
+from trunk_recording.schemas import event, parameter_event
+from trunk_recording.writer import PROVENANCE, RecordingWriter
 
-from ...trunk_msgs_util.test.mcap_files import ANEW, content, copied, each, records_of, write
+from ...trunk_recording.test.mcap_files import ANEW, content, copied, each, records_of, write
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 MS = 1_000_000
@@ -58,12 +59,12 @@ def write_run(path, stamps=range(20), value=float, end=True, provenance=True, pa
 
 
 def said(path):
-    return [finding.describe() for finding in examine(path)]
+    return [finding.describe() for finding in findings(RecordedRun.open(path))]
 
 
 def test_a_sound_run_has_no_findings(tmp_path, short_run):
-    assert examine(write_run(tmp_path / "a.mcap")) == []
-    assert examine(short_run()) == []
+    assert findings(RecordedRun.open(write_run(tmp_path / "a.mcap"))) == []
+    assert findings(RecordedRun.open(short_run())) == []
     assert exit_code([]) == 0
 
 
@@ -90,7 +91,7 @@ def test_a_sound_run_has_no_findings(tmp_path, short_run):
     ],
 )
 def test_findings_name_their_place(tmp_path, options, says):
-    found = examine(write_run(tmp_path / "a.mcap", **options))
+    found = findings(RecordedRun.open(write_run(tmp_path / "a.mcap", **options)))
     assert any(finding.describe().startswith(says) for finding in found), found
     assert exit_code(found) == 1
 
@@ -99,7 +100,9 @@ def test_findings_name_their_place(tmp_path, options, says):
     ("periods", "missing"), [(1.0, 0), (1.49, 0), (1.51, 1), (2.49, 1), (2.51, 2), (3.0, 2)]
 )
 def test_a_gap_is_more_than_one_and_a_half_periods(tmp_path, periods, missing):
-    found = examine(write_run(tmp_path / "a.mcap", stamps=[0, 1, 2, 2 + periods, 3 + periods]))
+    found = findings(
+        RecordedRun.open(write_run(tmp_path / "a.mcap", stamps=[0, 1, 2, 2 + periods, 3 + periods]))
+    )
     says = [f"steps are missing after this stamp: {missing} at a period of 1 ms"] if missing else []
     assert [(f.stamp_ns, f.message) for f in found] == [(2 * MS, text) for text in says]
 
@@ -121,7 +124,7 @@ def test_one_flipped_bit_is_found_where_it_is(tmp_path, opcode, within, says):
     at = next(at for o, at, _ in records_of(data) if o == opcode)
     data[at + within] ^= 1
     path.write_bytes(data)
-    found = [f for f in examine(path) if says in f.message]
+    found = [f for f in findings(RecordedRun.open(path)) if says in f.message]
     assert found, said(path)
     assert found[0].severity == ERROR
     if opcode == 6:
@@ -135,7 +138,9 @@ def test_an_altered_message_is_found_by_its_digest(tmp_path):
     message = found.of(TRUTH)[3]
     message[2] = message[2][:-12] + b"\1" + message[2][-11:]
     forged = write(found, tmp_path / "b.mcap").path
-    found = [f.message for f in examine(forged) if f.severity in (ERROR, WARNING)]
+    found = [
+        f.message for f in findings(RecordedRun.open(forged)) if f.severity in (ERROR, WARNING)
+    ]
     assert f"{TRUTH}: not as the recorder wrote it (digest)" in found
     assert not any("/pid/state:" in message for message in found)
 
@@ -157,7 +162,7 @@ def test_recover_saves_all_but_the_damaged_chunk(tmp_path):
     # Digests of the whole run would flag the remaining messages as altered.
     assert saved.digests == {}
     assert saved.alterations() == []
-    assert not [f for f in examine(tmp_path / "b.mcap") if f.byte is not None]
+    assert not [f for f in findings(RecordedRun.open(tmp_path / "b.mcap")) if f.byte is not None]
 
 
 def test_recover_resumes_after_a_record_without_an_end(tmp_path):
@@ -178,7 +183,7 @@ def test_recover_finishes_a_cut_file(tmp_path):
     recovery = recover(path, tmp_path / "b.mcap")
     assert recovery.messages[TRUTH] >= 15
     assert len(recovery.lost) == 1
-    assert [f.message for f in examine(tmp_path / "b.mcap")] == [
+    assert [f.message for f in findings(RecordedRun.open(tmp_path / "b.mcap"))] == [
         f"incomplete: recovered; it was: no end; lost: {recovery.lost[0]}"
     ]
 
@@ -226,7 +231,7 @@ def test_any_damage_can_be_examined_and_recovered(tmp_path):
         if i % 3:
             broken[at] ^= 1 << chosen.randrange(8)
         path.write_bytes(broken)
-        found = examine(path)
+        found = findings(RecordedRun.open(path))
         assert exit_code(found) == 1 or at > data_end, at
         output.unlink(missing_ok=True)
         try:
@@ -236,7 +241,7 @@ def test_any_damage_can_be_examined_and_recovered(tmp_path):
             continue
         joints = Recording.open(output).joints(TRUTH)
         assert joints.position[:, 1].tolist() == [stamp / MS for stamp in joints.stamp_ns]
-        assert not [f for f in examine(output) if f.byte is not None]
+        assert not [f for f in findings(RecordedRun.open(output)) if f.byte is not None]
 
 
 def renamed(run, path, topic, names=None, without=()):
@@ -266,7 +271,7 @@ def renamed(run, path, topic, names=None, without=()):
 )
 def test_what_cannot_be_recomputed_is_named(tmp_path, short_run, topic, change, says):
     path = renamed(short_run("fig8", "pid", duration=0.3), tmp_path / "a.mcap", topic, **change)
-    found = examine(path)
+    found = findings(RecordedRun.open(path))
     assert exit_code(found) == 1
     assert f"{topic}: {says}: the run cannot be recomputed" in "\n".join(
         finding.describe() for finding in found
@@ -281,7 +286,7 @@ def test_of_references_for_one_state_the_last_counts_and_none_is_a_fault(tmp_pat
         data = layout_of(sample).pack(sample)
         found.messages.append([f"/{topics.REFERENCE}", k * MS, data, k * MS, 0])
     path = write(found, tmp_path / "a.mcap", ANEW).path
-    (finding,) = [f for f in examine(path) if f.topic == f"/{topics.REFERENCE}"]
+    (finding,) = [f for f in findings(RecordedRun.open(path)) if f.topic == f"/{topics.REFERENCE}"]
     assert (finding.severity, finding.message) == (INFO, "the stamp appears twice")
 
 
@@ -289,7 +294,7 @@ def test_a_bad_message_is_named(tmp_path, short_run):
     found = content(short_run("fig8", "pid", duration=0.3))
     found.messages.append(["/run/events", 5, b"\0\1\0\0", 5, 0])
     recording = write(found, tmp_path / "a.mcap", ANEW)
-    refused, without = examine(recording.path)
+    refused, without = findings(RecordedRun.open(recording.path))
     assert refused.message.startswith("/run/events is not read: message 2, logged at ")
     assert without.message == "no events: the run cannot be judged"
     verdict = verify(recording)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from trunk_core.errors import PlanError, closest, did_you_mean
 from trunk_experiments.cli import main
 from trunk_experiments.console.tables import print_table
-from trunk_experiments.errors import PlanError, closest, did_you_mean
-from trunk_experiments.plans.plan import Swap, make_plan
+from trunk_runs.plan import Swap, make_plan
 
 
 @pytest.mark.parametrize(

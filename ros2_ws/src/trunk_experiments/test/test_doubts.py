@@ -7,16 +7,14 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.facts import Late, late_steps
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.doubts import Doubts, doubts_of
-from trunk_experiments.results import values
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views.compare import best_of
-from trunk_msgs_util.errors import RecordingError
-from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
-from trunk_msgs_util.recording.writer import RecordingWriter
+from trunk_core.errors import RecordingError
+from trunk_core.results import values
+from trunk_evidence.doubts import Doubts, doubts_of
+from trunk_evidence.recorded_run import Late, RecordedRun, late_steps
+from trunk_recording.writer import RECORD, RecordingWriter, metadata_yaml
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_views.comparison import best_of
 
 LATE = "LATE: the machine was too busy, 1 of 1300 steps late"
 ADVICE = ": --lockstep gives the exact run"

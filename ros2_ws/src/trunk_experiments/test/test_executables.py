@@ -17,7 +17,7 @@ class EndedError(Exception):
 @pytest.mark.parametrize(
     ("inside", "verb", "expected"),
     [
-        ("trunk_experiments.replay", "verify", executables._Interrupted),
+        ("trunk_evidence", "verify", executables._Interrupted),
         ("numba.core.codegen", "verify", EndedError),
         ("llvmlite.binding.ffi", "simulate", EndedError),
         *(
@@ -72,7 +72,7 @@ def test_what_has_loaded_rclpy_exits_with_its_code_without_unloading_it(
         assert number == code
         raise EndedError
 
-    monkeypatch.setattr(executables.streams.os, "_exit", leave)
+    monkeypatch.setattr(executables.os, "_exit", leave)
     monkeypatch.setattr(sys, "argv", ["trunk", verb])
     if at_once:
         with pytest.raises(EndedError):

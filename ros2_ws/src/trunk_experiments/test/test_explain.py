@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from trunk_evidence.explanation import explain
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments.cli import trunk
-from trunk_experiments.plans.plan import Swap, make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.explain import explain
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.reader import RecordingError
+from trunk_recording.reader import RecordingError
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import Swap, make_plan
+from trunk_runs.timeline import Change
 
 FIELDS = ("error", "error_rate", "p_term", "i_term", "d_term", "kp", "ki", "kd", "alpha")
 

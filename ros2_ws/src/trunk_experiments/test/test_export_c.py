@@ -11,18 +11,17 @@ import numpy as np
 import pytest
 
 from trunk_control.controller import Controller, settings_of
-from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import decide
+from trunk_control.law import ControllerConfig
 from trunk_control.laws import law_named
-from trunk_experiments.export_c.controller import ExportedController
-from trunk_experiments.export_c.files import base_files
-from trunk_experiments.export_c.program import real_literal
-from trunk_experiments.export_c.replay import swinging_rows
-from trunk_experiments.plans.nodes import CONTROLLERS
+from trunk_core.c.program import real_literal
+from trunk_experiments.export_c.exported_controller import ExportedController
+from trunk_experiments.export_c.library import base_files, swinging_rows
+from trunk_runs.nodes import CONTROLLERS
 
-from .c_programs import COMPILER, STRICT, Compiled, compiled_once, needs_compiler
-from .exported_laws import CHANGES, readings
-from .faulty_laws import HONEST
+from ...trunk_control.test.exported_laws import CHANGES, readings
+from ...trunk_control.test.faulty_laws import HONEST
+from ...trunk_core.test.c_programs import COMPILER, STRICT, Compiled, compiled_once, needs_compiler
 
 LAWS = {**{name: law_named(name) for name in CONTROLLERS}, "honest": HONEST}
 
@@ -76,17 +75,16 @@ def replayed(binary, folder, name, *prefix):
 
 
 @needs_compiler
-@pytest.mark.parametrize("bare", [False, True], ids=["controller", "law"])
 @pytest.mark.parametrize("name", LAWS)
-def test_the_files_compile_without_warnings_and_replay(name, bare, tmp_path):
-    exported = ExportedController(LAWS[name], config_of(name), bare)
+def test_the_files_compile_without_warnings_and_replay(name, tmp_path):
+    exported = ExportedController(LAWS[name], config_of(name))
     sources = written(exported, tmp_path)
     sanitised = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     code, out = replayed(built(tmp_path, sources, *sanitised), tmp_path, name)
     assert code == 0
     assert re.fullmatch(r"(\d+) of \1 commands equal\n", out)
     compiler = shutil.which("g++")
-    if compiler and not bare:
+    if compiler:
         flags = ["-x", "c++", *STRICT[1:], "-std=c++17", "-O2"]
         assert compiled_once([compiler, *flags, "-c", sources[0]], tmp_path / "x.o") == ""
 

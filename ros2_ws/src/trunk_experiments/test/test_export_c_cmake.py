@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from .c_programs import needs_compiler
+from ...trunk_core.test.c_programs import needs_compiler
 
 pytestmark = [
     needs_compiler,

@@ -2,11 +2,11 @@ from dataclasses import replace
 
 import pytest
 
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.plans.timeline import Change
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.events import Event
+from trunk_core.topics import Event
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_runs.timeline import Change
 
 
 @pytest.mark.parametrize(

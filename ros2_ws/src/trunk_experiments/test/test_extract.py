@@ -7,13 +7,9 @@ import pytest
 from PIL import Image
 
 from trunk_control.laws import law_named
-from trunk_experiments.analysis.run_table import (
-    COLUMNS,
-    DISTURBANCE,
-    RunTable,
-    all_columns,
-    column_units,
-)
+from trunk_core.errors import PlanError
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import COLUMNS, DISTURBANCE, RunTable, all_columns, column_units
 from trunk_experiments.commands.export import (
     window,
     write_csv,
@@ -21,23 +17,20 @@ from trunk_experiments.commands.export import (
     write_npz,
     write_parquet,
 )
-from trunk_experiments.errors import PlanError
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.views.film import write_gif, write_mp4
-from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_recording.reader import Recording, RecordingError
+from trunk_views.animation import write_gif, write_mp4
 
 TRUTH = "/ground_truth/joint_states"
 
 
 @pytest.fixture(scope="module")
 def run(short_run):
-    return Recording.open(short_run("fig8", "fuzzy_pid"))
+    return RecordedRun.open(short_run("fig8", "fuzzy_pid"))
 
 
 @pytest.fixture(scope="module")
 def table(run):
-    recorded = RecordedRun(run)
-    return all_columns(recorded, RunTable.from_run(recorded))
+    return all_columns(run, RunTable.from_run(run))
 
 
 def test_tables_hold_the_same_bits(table, tmp_path):
@@ -61,7 +54,7 @@ def test_tables_hold_the_same_bits(table, tmp_path):
 
 
 def test_tables_may_have_units(run, table, tmp_path):
-    units = column_units(RecordedRun(run))
+    units = column_units(run)
     units = {name: units[name] for name in table}
     write_csv(table, tmp_path / "a.csv", units)
     with (tmp_path / "a.csv").open() as file:
@@ -105,7 +98,7 @@ def test_terms_and_disturbance_belong_to_their_states(table):
 
 
 def test_an_animation_has_25_pictures_a_second(run, table, tmp_path):
-    parameters = RecordedRun(run).parameters["simulator"]
+    parameters = run.parameters["simulator"]
     assert write_gif(table, parameters, tmp_path / "a.gif") == 33  # 0 to 1.28 s
     with Image.open(tmp_path / "a.gif") as film:
         assert (film.size, film.n_frames, film.info["duration"]) == ((640, 400), 33, 40)
@@ -122,7 +115,7 @@ def test_a_film_is_what_the_machines_ffmpeg_makes_of_the_pictures(
 ):
     encoder = tmp_path / "ffmpeg"  # keeps what it is given
     encoder.write_text(f'#!/bin/sh\nfor file; do :; done; cat >"$file"; exit {code}\n')
-    parameters = RecordedRun(run).parameters["simulator"]
+    parameters = run.parameters["simulator"]
     monkeypatch.setenv("PATH", "")
     with pytest.raises(PlanError, match=r"apt install ffmpeg, or write a \.gif"):
         write_mp4(table, parameters, tmp_path / "a.mp4")
@@ -142,13 +135,14 @@ def test_a_part_is_copied_byte_for_byte(run, tmp_path):
     count = write_mcap(run, path, 0.5, 0.6, ["joint_states", "/run/parameters", "/run/events"])
     part = Recording.open(path)
     ((log, data),) = part.messages("/joint_states")
-    whole = {t: m for block in run.messages("/joint_states") for t, m in zip(*block, strict=True)}
+    blocks = run.recording.messages("/joint_states")
+    whole = {t: m for block in blocks for t, m in zip(*block, strict=True)}
     assert log == [k * 1_000_000 for k in range(500, 601)]
     assert data == [whole[t] for t in log]
-    assert count == 101 + len(run.parameters())
-    assert part.parameters() == run.parameters()  # set before, and still holding
-    assert part.provenance == run.provenance
-    assert part.events() == []
+    assert count == 101 + len(run.first_sets)
+    assert RecordedRun(part).first_sets == run.first_sets  # set before, and still holding
+    assert part.provenance == run.recording.provenance
+    assert part.events("/run/events") == []
     assert not part.complete
     assert "t = 0.5 to 0.6 s" in part.end["reason"]
 
@@ -169,7 +163,7 @@ def test_an_open_end_is_not_mentioned(run, tmp_path, start, end, topics, said):
 
 def test_the_whole_run_is_copied_complete_and_unchanged(run, tmp_path):
     path = tmp_path / "all.mcap"
-    assert write_mcap(run, path) == sum(topic.count for topic in run.topics.values())
+    assert write_mcap(run, path) == sum(topic.count for topic in run.recording.topics.values())
     copy = Recording.open(path)
     assert copy.complete
     assert copy.joints(TRUTH).position.tobytes() == run.joints(TRUTH).position.tobytes()

@@ -8,22 +8,26 @@ import pytest
 from trunk_control.fuzzy import fired_rules
 from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.pid import PidConfig
-from trunk_experiments.gateway.access import Rate, Site, Tokens, origin_of
-from trunk_experiments.gateway.feed import (
+from trunk_core.errors import GatewayError
+from trunk_core.parameters.declarations import values_of
+from trunk_core.samples import JointSample
+from trunk_sim.config import TrunkSimulator
+from trunk_views.live.access import Rate, Site, Tokens, origin_of
+from trunk_views.live.feed import (
     PLANT_COLUMNS,
+    BadMessageError,
     Board,
     StreamRows,
+    asked,
     columns_of,
     frame,
+    plain,
     row_of,
     with_rules,
 )
-from trunk_experiments.gateway.graph import Graph
-from trunk_experiments.gateway.protocol import BadMessageError, asked, plain
-from trunk_experiments.gateway.server import page_files
-from trunk_msgs_util.parameters.declarations import values_of
-from trunk_msgs_util.samples import JointSample
-from trunk_sim.config import SimulatorConfig
+from trunk_views.live.graph_state import Graph
+from trunk_views.live.process import listening
+from trunk_views.live.server import page_files
 
 
 def test_rows_keep_the_last_ones_and_number_them_all():
@@ -232,7 +236,7 @@ def pieces(board):
 def test_a_graph_is_known_by_what_its_nodes_say():
     board = Board()
     graph = Graph(board)
-    graph.parameters("simulator", values_of(SimulatorConfig(operator_torque=40.0)))
+    graph.parameters("simulator", values_of(TrunkSimulator(operator_torque=40.0)))
     graph.parameters("pid", values_of(PidConfig()))
     graph.event("pid", -1, "configured", {"kind": "pid"})
     graph.event("pid", -1, "activated", {})
@@ -305,6 +309,17 @@ def test_a_change_of_one_parameter_is_known():
     assert pieces(board)["health", "pid"]["level"] == 1
 
 
+def test_a_plant_that_is_not_installed_is_shown_without_what_it_declares():
+    board = Board()
+    graph = Graph(board)
+    graph.parameters("simulator", {"plant.name": "furuta", "joints": ("arm", "pole")})
+    graph.event("simulator", -1, "configured", {"kind": "simulator"})
+    said = pieces(board)
+    assert said["node", "simulator"]["parameters"]["plant.name"] == "furuta"
+    assert said["declared", "simulator"]["parameters"] == {}
+    assert graph.nodes["simulator"].config is None
+
+
 def test_every_file_that_the_page_names_is_served():
     files = page_files()
     page = files["/"].data.decode()
@@ -313,3 +328,23 @@ def test_every_file_that_the_page_names_is_served():
         if not name.startswith("#"):
             assert f"/{name.lstrip('/')}" in files, name
     assert "http" not in page.replace("http-equiv", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("--host", "localhost"), "--host localhost: give one address of this machine"),
+        (("--host", "0.0.0.0"), "need --url, the address that browsers open"),
+        (("--url", "ftp://a"), "--url ftp://a: http://HOST:PORT"),
+    ],
+)
+def test_an_address_that_cannot_be_served_is_refused(trunk, words, line):
+    code, _, said = trunk("live", "demo", *words)
+    assert code == 2
+    assert line in said
+    assert said.count("\n") == 1
+
+
+def test_an_address_of_another_machine_is_named():
+    with pytest.raises(GatewayError, match=r"^address 192\.0\.2\.1:0: Cannot assign"):
+        listening("192.0.2.1", 0)

@@ -12,10 +12,10 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode
 
 import trunk_experiments.gym
-from trunk_experiments.errors import NotInstalledError, PlanError
+from trunk_core.errors import NotInstalledError, PlanError
+from trunk_core.parameters.declarations import ParameterError
 from trunk_experiments.gym import ENVIRONMENT
 from trunk_experiments.gym.episodes import MOST_BYTES
-from trunk_msgs_util.parameters.declarations import ParameterError
 
 OPTIONS = {
     "torque": {},

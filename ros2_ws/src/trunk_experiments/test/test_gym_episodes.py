@@ -10,22 +10,24 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.wrappers import TransformAction
 
-from trunk_experiments.errors import ActionError, PlanError
+from trunk_control.laws import law_named
+from trunk_core import topics
+from trunk_core.compiled import compiled
+from trunk_core.errors import ActionError, PlanError
+from trunk_evidence.judgement import UNJUDGED, VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments.gym import ENVIRONMENT
-from trunk_experiments.gym import episodes as kernel
-from trunk_experiments.gym.episodes import Episodes
+from trunk_experiments.gym.episodes import Episodes, advance_of
 from trunk_experiments.gym.task import make_task
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views.run_view import RunView
-from trunk_experiments.views.task import different_tasks
-from trunk_msgs_util import topics
-from trunk_msgs_util.compiled import compiled
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_sim.plants.trunk import passive
+from trunk_sim.step import Dynamics, on_second
+from trunk_views.comparison import different_tasks
+from trunk_views.run_view import RunView
 
-from .stepwise import steps
+from ...trunk_runs.test.stepwise import steps
 
 NOISY = [
     "simulator.sensor.position_noise=0.01",
@@ -314,8 +316,9 @@ def test_an_episode_is_ranked_among_runs_with_the_same_reference(tmp_path):
 @pytest.mark.slow
 def test_the_plants_steps_are_vector_code():
     episodes = Episodes(make_task("fig8"), 16)
-    compiled(kernel.advance)  # registers what it calls
-    twin = numba.njit(kernel.advance, error_model="numpy", nogil=True, _nrt=False)
+    advance = advance_of(law_named("pid"), Dynamics(on_second, passive), None)
+    compiled(advance)  # registers what it calls
+    twin = numba.njit(advance, error_model="numpy", nogil=True, _nrt=False)
     given = (episodes.course, episodes._blocks, episodes.steps, episodes._series, episodes._history)
     twin.compile(tuple(map(numba.typeof, (*given, np.zeros((16, 1))))))
     code = "\n".join(twin.inspect_llvm().values())

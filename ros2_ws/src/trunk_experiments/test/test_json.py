@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from trunk_core.results import plain
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments.cli import main
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.results import plain
-from trunk_msgs_util.recording.reader import Recording
+from trunk_recording.reader import Recording
 
 from .documents import SCHEMAS, VERBS, checked, documents_of, jsonschema, strict, validator
 

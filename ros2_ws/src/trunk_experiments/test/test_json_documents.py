@@ -5,18 +5,18 @@ from math import inf
 
 import pytest
 
-from trunk_experiments.analysis.metrics import Metrics
-from trunk_experiments.lab.wasm import missing_tools
-from trunk_experiments.paper import report, reproduction
-from trunk_experiments.paper.errata import ERRATA
-from trunk_experiments.paper.runs import PaperRun, cases
+from trunk_evidence.run_metrics import Metrics
+from trunk_experiments.lab.webassembly import missing_tools
+from trunk_studies.paper import reproduction, reproduction_report
+from trunk_studies.paper.claims import PaperRun, cases
+from trunk_studies.paper.errata import ERRATA
 
 from .documents import SCHEMAS, checked, documents_of
 from .documents import VERBS as DOCUMENTED
 from .verbs import VERBS
 
 # tests/graph/test_json.py
-ELSEWHERE = {"run-1", "params-apply-1", "page-1", "check-node-1", "explain-external-1"}
+ELSEWHERE = {"run-1", "params-apply-1", "page-1", "explain-external-1"}
 
 
 class Case:
@@ -68,6 +68,7 @@ CASES = [
     Case("verify-2", "verify cut.mcap", 2),
     Case("info-1", "info cut.mcap"),
     Case("list-runs-1", "list runs --verify"),
+    Case("list-plants-1", "list plants"),
     Case("list-files-1", "list files"),
     Case("list-files-1", "list studies"),
     Case("list-schemas-1", "list schemas"),
@@ -75,11 +76,13 @@ CASES = [
     Case("recover-1", "recover cut.mcap -o new.mcap", 1),
     Case("export-1", "export a.mcap -o a.csv -o a.parquet -o a.npz -o c.mcap"),
     Case("export-c-1", "export-c pid --name hip --like a.mcap -o c"),
-    Case("export-c-1", "export-c fuzzy_pid --name left_hip --law -o c"),
+    Case("export-c-1", "export-c fuzzy_pid --name left_hip -o c"),
     Case("params-1", "params"),
     Case("params-show-1", "params show fig8"),
     Case("new-1", "controller new mine"),
     Case("check-1", "controller check pid"),
+    Case("new-plant-1", "plant new mine"),
+    Case("check-plant-1", "plant check cart_pole"),
     Case("sweep-1", "sweep study.yaml -o new.parquet --check"),
     Case("map-1", "study map swept.parquet"),
     Case("tune-1", "tune poles -o gains.yaml"),
@@ -94,7 +97,9 @@ CASES = [
 @pytest.fixture
 def short(monkeypatch):
     """Make the paper as short as possible: it has its own tests."""
-    monkeypatch.setattr(report, "_figure", lambda figure, folder: "data:image/png;base64,AA")
+    monkeypatch.setattr(
+        reproduction_report, "_figure", lambda figure, folder: "data:image/png;base64,AA"
+    )
     monkeypatch.setattr(reproduction, "reproduce", lambda folder, graph, say: reproduced())
 
 

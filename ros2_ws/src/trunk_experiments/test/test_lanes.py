@@ -11,8 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trunk_experiments.batch import block, compiled_run
-from trunk_experiments.batch.block import (
+from trunk_experiments.conformance.kit import lane_difference
+from trunk_runs.nodes import CONTROLLERS
+from trunk_runs.plan import make_plan
+from trunk_studies.batch import block, compiled_run
+from trunk_studies.batch.block import (
     ENOUGH,
     RunSummary,
     key_of,
@@ -21,13 +24,10 @@ from trunk_experiments.batch.block import (
     summaries,
     summary_of,
 )
-from trunk_experiments.batch.check import lane_difference
-from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.batch.lanes import LANES, SUMS, TRACED
-from trunk_experiments.plans.nodes import CONTROLLERS
-from trunk_experiments.plans.plan import make_plan
+from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.lanes import LANES, ROWS, TRACED
 
-from .random_plans import DISTURBED, several
+from ...trunk_runs.test.random_plans import DISTURBED, several
 
 EVERYWHERE = {"duration": 0.6, "update_rate": 1000.0}
 
@@ -130,7 +130,7 @@ def test_metrics_beyond_the_numbers_are_refused(monkeypatch, batch):
     """A run whose metrics are infinite leaves its lane; alone, it says which one is too large."""
 
     def infinite(shape, cells, *given):
-        cells[SUMS * LANES :] = inf
+        cells[ROWS.sums * LANES :] = inf
 
     def beyond(table, compiled):
         raise ValueError("iae is too large for a floating-point number: no metrics")
@@ -154,7 +154,7 @@ def test_the_comparison_detects_one_changed_bit(batch):
 
 
 # Divisions that remain: the period by the substeps, stamps in s; twice two in a look-up of rules.
-SCALAR = {"pid": 3, "lqr": 3, "computed_torque": 3, "fuzzy_pid": 7, "fuzzy": 7}
+SCALAR = dict.fromkeys(CONTROLLERS, 3) | {"fuzzy_pid": 7, "fuzzy": 7}
 
 
 @pytest.mark.slow

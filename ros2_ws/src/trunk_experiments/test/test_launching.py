@@ -8,15 +8,15 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.files import checked_namespace, shipped_files
-from trunk_experiments.plans.nodes import CONTROLLERS, NODES
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs import launching
-from trunk_experiments.runs.launching import ARGUMENTS, launch_nodes, launch_plan
-from trunk_experiments.runs.run_files import RunFiles
-from trunk_msgs_util.parameters.declarations import declarations, values_of
-from trunk_msgs_util.parameters.files import parse, read, resolve
+from trunk_core.errors import PlanError
+from trunk_core.parameters.declarations import declarations, values_of
+from trunk_core.parameters.parameter_files import parse, read, resolve
+from trunk_runs import processes
+from trunk_runs.nodes import CONTROLLERS, NODES
+from trunk_runs.plan import make_plan
+from trunk_runs.processes import ARGUMENTS, launch_nodes, launch_plan
+from trunk_runs.run_files import RunFiles
+from trunk_runs.scenario import checked_namespace, shipped_files
 
 PACKAGE = Path(__file__).parents[1]
 LAUNCH_FILES = sorted((PACKAGE / "launch").glob("*.py"))
@@ -88,9 +88,9 @@ def test_relative_names_get_the_namespace_and_absolute_ones_do_not(tmp_path):
 
 def test_the_simulator_stops_first_and_the_recorder_last():
     running = ["recorder", "pid", "disturbance", "simulator"]
-    assert launching.next_to_stop(running) == ["simulator"]
-    assert launching.next_to_stop(running[:3]) == ["pid", "disturbance"]
-    assert launching.next_to_stop(running[:1]) == []
+    assert processes.next_to_stop(running) == ["simulator"]
+    assert processes.next_to_stop(running[:3]) == ["pid", "disturbance"]
+    assert processes.next_to_stop(running[:1]) == []
 
 
 @pytest.mark.parametrize("code", [0, 1])
@@ -105,7 +105,7 @@ def test_a_launched_set_ends_in_that_order_and_says_why(monkeypatch, code):
     )
     for name in re.findall(r"(?m)^from ((?:ament|launch)\S*)", path.read_text("utf-8")):
         monkeypatch.setitem(sys.modules, name, plain)
-    monkeypatch.setattr(launching, "what_lacks", lambda file: "")
+    monkeypatch.setattr(processes, "what_lacks", lambda file: "")
     end = runpy.run_path(str(path))["OrderlyEnd"](
         ["recorder", "pid", "disturbance", "simulator"],
         SimpleNamespace(recording="f", describe=str),
@@ -148,9 +148,9 @@ def test_launch_files_compile_and_use_existing_names(path):
         for node in ast.walk(tree)
         if isinstance(node, ast.Attribute)
         and isinstance(node.value, ast.Name)
-        and node.value.id == "launching"
+        and node.value.id == "processes"
     }
-    assert {name for name in used if not hasattr(launching, name)} == set()
+    assert {name for name in used if not hasattr(processes, name)} == set()
     functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
     assert "generate_launch_description" in functions
 

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from trunk_core.errors import StudyError
 from trunk_experiments.cli import trunk
-from trunk_experiments.errors import StudyError
-from trunk_experiments.study.learning import DrawnRuns, Draws, cost, learn, outcome
-from trunk_experiments.study.rows import make_bases
-from trunk_experiments.study.study import design, parse_study
-from trunk_experiments.study.sweep import RunBlock, run_block
+from trunk_studies.learning import learn
+from trunk_studies.rows import make_bases, plan_of, rows_of
+from trunk_studies.statistics import DrawnRuns
+from trunk_studies.study import design, parse_study
+from trunk_studies.sweep_execution import RunBlock, run_block
+from trunk_studies.tuning.search import cost, metrics_of
 
 from .documents import checked
 
@@ -35,42 +37,46 @@ def study():
     return parse_study(STUDY, "study.yaml")
 
 
-@pytest.fixture(scope="module")
-def draws(study):
-    return Draws(study, make_bases(study))
+def outcome(study, label, values, metric):
+    """Return a contender's metric in each of a study's draws, with some parameters changed."""
+    bases = make_bases(study)
+    rows = rows_of(design(study, 0, study.total))
+    plans = [plan_of(study, bases, row) for row in rows if row["controller"] == label]
+    return metrics_of(plans, metric, [values])[0]
 
 
-def test_outcomes_are_those_of_a_sweep(study, draws):
-    table = run_block(RunBlock(0, study, draws.bases, design(study, 0, study.total), ""))
+def test_outcomes_are_those_of_a_sweep(study):
+    bases = make_bases(study)
+    table = run_block(RunBlock(0, study, bases, design(study, 0, study.total), ""))
     fallen = np.array(table["fell"])
     expected = np.where(fallen, np.nan, table["iae"].to_numpy())
     labels = np.array(table["controller"].to_pylist())
     for label in ("rules", "pid"):
         assert np.array_equal(
-            outcome(draws, label, {}, "iae"), expected[labels == label], equal_nan=True
+            outcome(study, label, {}, "iae"), expected[labels == label], equal_nan=True
         )
     assert 0 < fallen.sum() < len(fallen)
 
 
-def test_a_fall_counts_and_a_changed_parameter_acts(draws):
-    metric = outcome(draws, "rules", {}, "iae")
+def test_a_fall_counts_and_a_changed_parameter_acts(study):
+    metric = outcome(study, "rules", {}, "iae")
     stood = metric[~np.isnan(metric)]
     falls = len(metric) - len(stood)
     assert 0 < falls < len(metric)
     assert cost(metric, 50.0) == pytest.approx((stood.sum() + 50.0 * falls) / len(metric))
     assert DrawnRuns("rules", metric).fell == falls
-    assert not np.array_equal(outcome(draws, "rules", {"gains.p_max": 90.0}, "iae"), metric)
+    assert not np.array_equal(outcome(study, "rules", {"gains.p_max": 90.0}, "iae"), metric)
 
 
-def test_a_search_is_reproducible_and_judged_on_other_draws(study, draws):
+def test_a_search_is_reproducible_and_judged_on_other_draws(study):
     words = study, "rules", "iae", 2, 4, 3, 99, 1
     heard = []
     first = learn(*words, lambda *progress: heard.append(progress))
     assert learn(*words, lambda *_: None).values == first.values
     assert heard[-1] == (2, first.after)
     assert first.after < first.before
-    assert first.after == cost(outcome(draws, "rules", first.values, "iae"), first.fall_costs)
-    others = Draws(replace(study, seed=99), draws.bases)
+    assert first.after == cost(outcome(study, "rules", first.values, "iae"), first.fall_costs)
+    others = replace(study, seed=99)
     assert [o.controller for o in first.held_out] == ["rules", "rules, learned", "pid"]
     for held_out, values in zip(first.held_out, ({}, first.values, {}), strict=True):
         label = held_out.controller.partition(",")[0]

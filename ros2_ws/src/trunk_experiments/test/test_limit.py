@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import pytest
 
-from trunk_experiments.batch.block import RunSummary
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.doubts import doubts_of
-from trunk_experiments.study import limit
-from trunk_experiments.study.limit import find_limit
+from trunk_evidence.doubts import doubts_of
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_studies import robustness
+from trunk_studies.batch.block import RunSummary
+from trunk_studies.robustness import find_limit
 
 PUSH = [
     *("limit", "demo", "--vary", "disturbance.pulse.magnitude", "--to", "300Nm"),
@@ -49,30 +49,30 @@ def stands_below(*spans):
 
 
 def test_the_bisection_closes_in(monkeypatch):
-    monkeypatch.setattr(limit, "summaries", stands_below((0.0, 61.3)))
+    monkeypatch.setattr(robustness, "summaries", stands_below((0.0, 61.3)))
     done = []
     found = find_limit(PlanAt, 0.0, 100.0, 1e-3, done.append)
     assert found.stands <= 61.3 < found.falls <= found.stands + 1e-3
     assert found.stands_again == ()
-    assert found.runs == done[-1] <= limit.most_runs(0.0, 100.0, 1e-3) <= 16 * 5
+    assert found.runs == done[-1] <= robustness.most_runs(0.0, 100.0, 1e-3) <= 16 * 5
 
 
 @pytest.mark.parametrize("ends", [(146.89512, 146.89513), (146.89513, 146.89512), (0.0, 5e-324)])
 def test_the_bisection_ends_at_neighbouring_doubles(monkeypatch, ends):
     last = ends[0] + 0.4 * (ends[1] - ends[0])
-    monkeypatch.setattr(limit, "summaries", stands_below(sorted((ends[0], last))))
+    monkeypatch.setattr(robustness, "summaries", stands_below(sorted((ends[0], last))))
     rounds = count(1)
 
     def progress(runs):
         assert next(rounds) < 20, "it goes on for ever"
-        assert runs <= limit.most_runs(*ends, 0.0)
+        assert runs <= robustness.most_runs(*ends, 0.0)
 
     found = find_limit(PlanAt, *ends, 0.0, progress)
     assert (found.stands, found.falls) == (last, nextafter(last, ends[1]))
 
 
 def test_both_sides_are_written_so_that_they_differ(command_says, monkeypatch):
-    monkeypatch.setattr(limit, "summaries", stands_magnitudes)
+    monkeypatch.setattr(robustness, "summaries", stands_magnitudes)
     words = ("limit", "demo", *PUSH[2:4], *PUSH[6:], "--controller", "pid", "--within", "1e-9")
     code, out, _ = command_says(*words, "--from", "99.99999999", "--to", "100.00000001")
     assert code == 0
@@ -82,7 +82,7 @@ def test_both_sides_are_written_so_that_they_differ(command_says, monkeypatch):
 
 @pytest.mark.parametrize("ends", [(0.0, -100.0), (100.0, -100.0)])
 def test_the_bisection_goes_downwards(monkeypatch, ends):
-    monkeypatch.setattr(limit, "summaries", stands_below((-61.3, 100.0), (-92.0, -75.0)))
+    monkeypatch.setattr(robustness, "summaries", stands_below((-61.3, 100.0), (-92.0, -75.0)))
     found = find_limit(PlanAt, *ends, 1e-3)
     assert found.stands >= -61.3 > found.falls >= found.stands - 1e-3
     assert all(-92.0 <= value <= -75.0 for value in found.stands_again)
@@ -95,13 +95,13 @@ def test_the_bisection_goes_downwards(monkeypatch, ends):
     ids=["all", "none"],
 )
 def test_a_range_without_a_limit(monkeypatch, spans, stands, falls):
-    monkeypatch.setattr(limit, "summaries", stands_below(*spans))
+    monkeypatch.setattr(robustness, "summaries", stands_below(*spans))
     found = find_limit(PlanAt, 0.0, 100.0, 1e-3)
     assert (found.stands, found.falls) == (stands, falls)
 
 
 def test_what_stands_beyond_the_first_fall_is_not_the_limit(monkeypatch):
-    monkeypatch.setattr(limit, "summaries", stands_below((0.0, 20.0), (50.0, 70.0)))
+    monkeypatch.setattr(robustness, "summaries", stands_below((0.0, 20.0), (50.0, 70.0)))
     found = find_limit(PlanAt, 0.0, 100.0, 1e-3)
     assert found.stands == pytest.approx(20.0, abs=1e-3)
     assert found.stands_again
@@ -109,7 +109,9 @@ def test_what_stands_beyond_the_first_fall_is_not_the_limit(monkeypatch):
 
 
 def test_the_answer_says_what_the_push_is(command_says, monkeypatch):
-    monkeypatch.setattr(limit, "summaries", lambda plans, batch: [RunSummary(None) for _ in plans])
+    monkeypatch.setattr(
+        robustness, "summaries", lambda plans, batch: [RunSummary(None) for _ in plans]
+    )
     code, out, err = command_says(*PUSH, "--controller", "pid")
     assert (code, "trunk: runs: 100 %" in err) == (0, True)
     assert "pulses: on trunk_effort, for 0.1 s each, from t = 1, 5 s" in out
@@ -131,7 +133,7 @@ def test_the_answer_says_what_the_push_is(command_says, monkeypatch):
     "varied", [PUSH[2:4] + PUSH[6:], ["--push", "0.1s@3", "--set", "disturbance.pulse.magnitude=0"]]
 )
 def test_either_end_may_be_the_one_without_a_disturbance(command_says, monkeypatch, ends, varied):
-    monkeypatch.setattr(limit, "summaries", stands_magnitudes)
+    monkeypatch.setattr(robustness, "summaries", stands_magnitudes)
     words = ("limit", "demo", *varied, "--controller", "pid", "--json")
     code, out, _ = command_says(*words, "--from", ends[0], "--to", ends[1])
     assert code == 0
@@ -154,7 +156,9 @@ def stands_magnitudes(plans, batch):
 
 
 def test_the_push_is_one_besides_the_scenario_s(command_says, monkeypatch):
-    monkeypatch.setattr(limit, "summaries", lambda plans, batch: [RunSummary(None) for _ in plans])
+    monkeypatch.setattr(
+        robustness, "summaries", lambda plans, batch: [RunSummary(None) for _ in plans]
+    )
     words = ("limit", "demo", "--push", "hip_effort=50ms@3", "--to", "1kN", "--controller", "pid")
     code, out, _ = command_says(*words)
     assert code == 0

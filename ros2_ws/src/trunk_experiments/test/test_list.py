@@ -7,14 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.analysis.metrics import metrics
-from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.plans.files import SCENARIOS
-from trunk_experiments.plans.nodes import CONTROLLERS
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.results import plain
+from trunk_core.results import plain
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import RunTable, metrics
+from trunk_runs.nodes import CONTROLLERS
+from trunk_runs.scenario import SCENARIOS
 
-from ...trunk_msgs_util.test.mcap_files import ANEW, copied, each
+from ...trunk_recording.test.mcap_files import ANEW, copied, each
 
 
 @pytest.fixture
@@ -108,7 +107,8 @@ def test_alone_it_says_what_can_be_listed(told):
 
 
 def test_a_scenario_is_described_in_its_line(told):
-    assert "demo  Ten seconds at 200 Hz: the trunk recovers from 30 deg" in told("scenarios")[1]
+    rows = dict(line.split(maxsplit=1) for line in told("scenarios")[1].splitlines())
+    assert rows["demo"].startswith("Ten seconds at 200 Hz: the trunk recovers from 30 deg")
 
 
 def test_an_empty_folder_and_a_missing_one(tmp_path, told):
@@ -122,6 +122,7 @@ def test_an_empty_folder_and_a_missing_one(tmp_path, told):
     [
         ("scenarios", set(SCENARIOS)),
         ("controllers", set(CONTROLLERS)),
+        ("plants", {"trunk", "cart_pole"}),
         ("studies", {"actuator", "delay_gain", "limit_pulse", "robustness"}),
         ("files", {*SCENARIOS, "pid_as_printed"}),
         ("schemas", {"metrics-1", "error-1"}),
@@ -131,7 +132,7 @@ def test_what_is_shipped(told, what, names):
     code, out, _ = told(what)
     assert code == 0
     document = json.loads(told(what, "--json")[1])
-    found = document[what if what in ("controllers", "schemas") else "files"]
+    found = document[what if what in ("controllers", "plants", "schemas") else "files"]
     assert [line.split()[0] for line in out.splitlines()] == list(found)
     assert names <= found.keys()
     if "files" in document:

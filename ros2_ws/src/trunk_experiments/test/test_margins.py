@@ -1,5 +1,6 @@
 """Sampled loops about the upright: against transfer functions, the maps' multipliers, and runs."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,25 +11,26 @@ from scipy.linalg import expm
 
 from trunk_control.lqr import LqrConfig
 from trunk_control.pid import Gains, PidConfig
-from trunk_experiments.batch.compiled_run import Batch
+from trunk_core.errors import NotInstalledError
 from trunk_experiments.cli import trunk
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.tuning.floquet import floquet
-from trunk_experiments.tuning.linear import LinearLoop, linearise, loop_of
-from trunk_experiments.tuning.margins import largest_delay, margins
-from trunk_experiments.tuning.methods import by_poles
-from trunk_msgs_util.mechanics import Body
-from trunk_sim.config import SimulatorConfig
+from trunk_runs.plan import make_plan
+from trunk_sim.config import TrunkSimulator
+from trunk_sim.plants.trunk import passive, prescribed
+from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.tuning.floquet import floquet
+from trunk_studies.tuning.linear import LinearLoop, linearise, loop_of
+from trunk_studies.tuning.methods import by_poles
+from trunk_studies.tuning.stability_margins import largest_delay, margins
 
-from .stepwise import steps
+from ...trunk_runs.test.stepwise import steps
 
-PLANT = linearise(Body())
+PLANT = linearise(TrunkSimulator())
 
 
 def sampled(gains: Gains, h: float, mode: str = "rate", delay: int = 0) -> LinearLoop:
     """Return a PID loop around the default trunk; ``delay`` in periods."""
     config = PidConfig(update_rate=1.0 / h, p=gains.p, i=gains.i, d=gains.d, derivative_mode=mode)
-    simulator = SimulatorConfig(update_rate=1.0 / h, delay=delay * h)
+    simulator = TrunkSimulator(update_rate=1.0 / h, delay=delay * h)
     return loop_of(simulator, config)
 
 
@@ -127,22 +129,21 @@ def test_a_linear_step_is_a_small_step_of_the_loop():
         {"update_rate": 500.0, "duration": 1.0},
     )
     angles = np.array([step.truth.position[1] for step in steps(plan)]) / 1e-5
-    loop = loop_of(plan.simulator, plan.controller, plan.simulator.body.prescribed)
+    loop = loop_of(plan.simulator, plan.controller, plan.simulator.accelerations)
     assert loop.step_response(len(angles)) == pytest.approx(angles, abs=1e-6)
 
 
 def test_the_passive_hip_is_easier_to_lose():
     """Of the default LQR at 1 kHz: factors on all gains, from an independent computation."""
-    config, simulator = LqrConfig(update_rate=1000.0), SimulatorConfig(update_rate=1000.0)
-    prescribed, passive = (margins(loop_of(simulator, config, kind)) for kind in (True, False))
-    assert prescribed.gain_up == pytest.approx(107.3, abs=0.1)
-    assert passive.gain_up == pytest.approx(85.9, abs=0.1)
+    config, simulator = LqrConfig(update_rate=1000.0), TrunkSimulator(update_rate=1000.0)
+    found = [margins(loop_of(simulator, config, hip)).gain_up for hip in (prescribed, passive)]
+    assert found == pytest.approx([107.3, 85.9], abs=0.1)
 
 
 def test_filters_and_delays_count():
     """Stable by their gains alone; the runs with them fall."""
     plan = make_plan("fig6", "pid", ["profile_practical"])
-    gains = by_poles(linearise(plan.simulator.body), (-12.0, -8.0, -2.0))
+    gains = by_poles(linearise(plan.simulator), (-12.0, -8.0, -2.0))
     tuned = replace(plan.controller, p=gains.p, i=gains.i, d=gains.d)
     late = replace(plan.simulator, delay=0.06)
     assert loop_of(plan.simulator, tuned).stable
@@ -292,3 +293,28 @@ def test_a_controller_in_place_of_a_run_and_a_gain_by_its_usual_name_get_the_rig
         code, _, err = command_says("margins", "--set", setting)
         assert code == 2
         assert f"did you mean {meant}?" in err
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize("name", ["pid", "computed_torque"])  # with a memory, and without
+def test_python_control_takes_the_loop(name, delay):
+    control = pytest.importorskip("control", reason="python-control: pip install control")
+    plan = make_plan("demo", name, settings=[f"simulator.sensor.delay={0.005 * delay}"])
+    loop = loop_of(plan.simulator, plan.controllers[name])
+    taken = loop.to_control()
+    assert isinstance(taken, control.StateSpace)
+    assert taken.dt == loop.h
+    w = np.geomspace(0.1, 600.0, 50)
+    assert taken(np.exp(1j * w * loop.h)) == pytest.approx(loop.response(w), rel=1e-9)
+    poles = control.feedback(taken).poles()
+    eigenvalues = np.linalg.eigvals(loop.matrix())
+    assert np.max(np.abs(poles)) == pytest.approx(np.max(np.abs(eigenvalues)), abs=1e-9)
+
+
+def test_without_python_control_one_line_says_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "control", None)
+    with pytest.raises(NotInstalledError) as caught:
+        sampled(Gains(60.0, 100.0, 9.0), 0.005).to_control()
+    assert str(caught.value) == (
+        "python-control is not installed: pip install trunk_experiments[control]"
+    )

@@ -4,9 +4,9 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from trunk_core.errors import TrunkError
 from trunk_experiments.cli import trunk
 from trunk_experiments.console.options import FiniteRange, Number
-from trunk_msgs_util.errors import TrunkError
 
 
 def numeric_options(group, path):

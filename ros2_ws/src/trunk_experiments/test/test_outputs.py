@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.console.outputs import check_folder, check_output, default_name
-from trunk_experiments.errors import PlanError
+from trunk_core.errors import PlanError
+from trunk_experiments.console.options import check_folder, check_output, default_name
 
 
 @pytest.fixture

@@ -1,24 +1,28 @@
-"""Controllers of other packages: found by their entry points; a bad one is one line, and the others work."""
+"""Controllers and plants of other packages, by their entry points: a bad one is one line, the others work."""
 
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from trunk_experiments.plans.nodes import CONTROLLERS
-from trunk_experiments.templates import controller_package
+from trunk_experiments.console.own_packages import controller_package, plant_package
+from trunk_runs.nodes import CONTROLLERS
+from trunk_sim.plants import cart_pole
 
 
-def install(site: Path, package: str, *entries: str, module: str = "") -> None:
+def install(
+    site: Path, package: str, *entries: str, module: str = "", group: str = "trunk.controllers"
+) -> None:
     """Put a package's metadata and one module into a folder, as pip would."""
     folder = site / f"{package}-0.1.dist-info"
     folder.mkdir(parents=True)
     (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 0.1\n")
-    (folder / "entry_points.txt").write_text("\n".join(["[trunk.controllers]", *entries]))
+    (folder / "entry_points.txt").write_text("\n".join([f"[{group}]", *entries]))
     if module:
         (site / f"{package}.py").write_text(module)
 
@@ -59,7 +63,7 @@ BAD = {
     "absent": ("mine = absent:LAW", "", "cannot be loaded: ModuleNotFoundError"),
     "other": ("mine = other:LAW", "LAW = 3", "is int: a trunk_control.law.Law is needed"),
     "misnamed": ("mine = misnamed:LAW", ONE_OF_OURS, "calls itself 'pid'"),
-    "spelled": ("My-Law = spelled:LAW", ONE_OF_OURS, "a node's name is needed"),
+    "spelled": ("My-Law = spelled:LAW", ONE_OF_OURS, "a name of lowercase letters"),
     "a_node": ("recorder = a_node:LAW", ONE_OF_OURS, "another node has the name"),
 }
 
@@ -95,7 +99,7 @@ REMEMBERS = "effort: float = 0.0  # N m, the last command"
 
 @pytest.mark.one_in(4)
 @pytest.mark.slow
-@pytest.mark.parametrize("remembered", ["", "\n    past: tuple[float, ...] = (0.0, 0.0)"])
+@pytest.mark.parametrize("remembered", ["", '\n    past: str = "none"'])
 def test_a_law_that_numba_refuses_is_swept_by_cpython_and_mapped(
     tmp_path: Path, remembered: str
 ) -> None:
@@ -104,10 +108,10 @@ def test_a_law_that_numba_refuses_is_swept_by_cpython_and_mapped(
     install(tmp_path, "mine", "mine = mine:LAW", module=law)
     (tmp_path / "study.yaml").write_text(
         "scenario: demo\ncontrollers: [mine]\nset: {simulator.duration: 1.0}\n"
-        "vary: {m: {parameter: simulator.plant.trunk_mass, from: 0.4, to: 0.6, steps: 2}}\n"
+        "vary: {m: {parameter: simulator.plant.trunk_mass, from: 0.4, to: 0.6, steps: 5}}\n"
     )
     swept = trunk(tmp_path, "sweep", "study.yaml", "-o", "study.parquet")
-    assert "2 runs: 2 ok, 0 diverged, 0 refused" in swept.stdout, swept.stderr
+    assert "5 runs: 5 ok, 0 diverged, 0 refused" in swept.stdout, swept.stderr
     assert "not compilable" in swept.stderr
     mapped = trunk(tmp_path, "study", "map", "study.parquet", "-o", "map.png", "--json")
     assert mapped.returncode == 0, mapped.stderr
@@ -115,7 +119,7 @@ def test_a_law_that_numba_refuses_is_swept_by_cpython_and_mapped(
     if remembered:
         line = next(one for one in mapped.stderr.splitlines() if "warning" in one)
         assert line.startswith("trunk: warning: mine: without Floquet multipliers: mine cannot be")
-        assert line.endswith("its memory's past is (0.0, 0.0), not a float")
+        assert line.endswith("its memory.past is 'none', not a number")
     assert (panel["growth"] is None) == bool(remembered)
 
 
@@ -174,7 +178,7 @@ def test_a_module_beside_a_law_is_not_the_law(tmp_path: Path) -> None:
     install(tmp_path, "mine", "mine = mine:LAW", module=own_law(tmp_path))
     (tmp_path / "other.py").write_text("def divide():\n    return 1 / 0\n")
     code = (
-        "import other\nfrom trunk_experiments.plans.nodes import fault_of_a_law\n"
+        "import other\nfrom trunk_runs.nodes import fault_of_a_law\n"
         "try:\n    other.divide()\nexcept ZeroDivisionError as error:\n"
         "    print(repr(fault_of_a_law(error)))\n"
     )
@@ -201,3 +205,120 @@ def test_a_folder_that_exists_is_left_as_it_is(tmp_path: Path) -> None:
     assert run.returncode == 2
     assert "exists, and nothing was written: choose another name or --path" in run.stderr
     assert list((tmp_path / "mine").iterdir()) == []
+
+
+# Plants -----------------------------------------------------------------------------------------------------
+
+
+def own_plant(folder: Path, old: str = "", new: str = "") -> str:
+    """Return the module of a new plant's package, with a text in it replaced."""
+    for _ in plant_package("mine", folder / "mine_source"):
+        pass
+    module = (folder / "mine_source" / "mine" / "plant.py").read_text()
+    assert old in module
+    return module.replace(old, new)
+
+
+TWO = '(Coordinate("cart", "m"), Coordinate("pole", "rad"))'
+BAD_PLANTS = {
+    "absent": ("", "", "mine = no_such:PLANT", "cannot be loaded: ModuleNotFoundError"),
+    "a_class": ("", "", "mine = mine:Plant", "is type: a trunk_sim.plant.Plant is needed"),
+    "misnamed": ('"mine"', '"yours"', "mine = mine:PLANT", "calls itself 'yours'"),
+    "three": (
+        TWO,
+        TWO.replace("))", '), Coordinate("arm", "rad"))'),
+        "mine = mine:PLANT",
+        "TypeError: plant 'mine': 3 coordinates: two are needed",
+    ),
+    "in_metres": (
+        'Coordinate("pole", "rad")',
+        'Coordinate("pole", "m")',
+        "mine = mine:PLANT",
+        "coordinates in 'm' and 'm': the first in m or rad, the second, which is held, in rad",
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("old", "new", "entry", "told"), BAD_PLANTS.values(), ids=BAD_PLANTS)
+def test_a_bad_plant_gives_one_line_and_the_others_go_on(
+    tmp_path: Path, old: str, new: str, entry: str, told: str
+) -> None:
+    install(tmp_path, "mine", entry, module=own_plant(tmp_path, old, new), group="trunk.plants")
+    check = trunk(tmp_path, "plant", "check", "mine")
+    assert check.returncode == 2
+    assert check.stdout == ""
+    (line,) = check.stderr.splitlines()
+    assert line.startswith("trunk: error: plant 'mine' of package mine (")
+    assert told in line
+    listed = trunk(tmp_path, "list", "plants")
+    assert listed.returncode == 0, listed.stderr
+    assert [line.split()[0] for line in listed.stdout.splitlines()] == ["trunk", "cart_pole"]
+    (line,) = listed.stderr.splitlines()
+    assert line.startswith("trunk: warning: plant 'mine'")
+    assert line.endswith("; the other plants can be used")
+
+
+def test_a_plant_that_is_not_registered_is_told_how(tmp_path: Path) -> None:
+    check = trunk(tmp_path, "plant", "check", "mine")
+    assert check.returncode == 2
+    (line,) = check.stderr.splitlines()
+    assert "'mine': give one of trunk, cart_pole; build and source your own package first" in line
+
+
+def test_two_plants_of_one_name_are_refused_naming_both_packages(tmp_path: Path) -> None:
+    for package in ("first", "second"):
+        install(
+            tmp_path,
+            package,
+            f"mine = {package}:PLANT",
+            module=own_plant(tmp_path / package),
+            group="trunk.plants",
+        )
+    check = trunk(tmp_path, "plant", "check", "mine")
+    assert check.returncode == 2
+    (line,) = check.stderr.splitlines()
+    assert "package first (first:PLANT) and package second (second:PLANT)" in line
+    assert "uninstall or rename the other" in line
+
+
+@pytest.mark.slow
+@pytest.mark.one_in(3)
+@pytest.mark.parametrize("name", ["cart_pole", "Mine", "m__e", "class", "numpy", "x"])
+def test_names_that_a_new_plant_cannot_have(tmp_path: Path, name: str) -> None:
+    new = trunk(tmp_path, "plant", "new", name)
+    assert new.returncode == 2
+    assert len(new.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_new_plant_is_the_cart_pole_but_for_its_names(tmp_path: Path) -> None:
+    shipped = Path(cart_pole.__file__).read_text().splitlines()
+    differing = [
+        (old, new)
+        for old, new in zip(shipped, own_plant(tmp_path).splitlines(), strict=True)
+        if old != new
+    ]
+    assert ('    "cart_pole",', '    "mine",') in differing
+    assert ('    "Cart-pole",', '    "Mine",') in differing
+    assert all("CartPole" in old for old, _ in differing[:-3])
+
+
+@pytest.mark.slow
+def test_a_new_plants_package_runs_verifies_and_conforms(tmp_path: Path) -> None:
+    files = list(plant_package("mine", tmp_path / "mine_source"))
+    assert {path.name for path in files} >= {"package.xml", "setup.py", "plant.py", "upright.yaml"}
+    setup = (tmp_path / "mine_source" / "setup.py").read_text()
+    assert '"trunk.plants": ["mine = mine.plant:PLANT"]' in setup
+    shutil.copytree(tmp_path / "mine_source" / "mine", tmp_path / "mine")
+    install(tmp_path, "mine", "mine = mine.plant:PLANT", group="trunk.plants")
+    scenario = ("mine/config/upright.yaml", "--controller", "pid", "-o", "a.mcap")
+    run = trunk(tmp_path, "simulate", *scenario)
+    assert run.returncode == 0, run.stderr
+    assert "a.mcap: verified" in trunk(tmp_path, "verify", "a.mcap").stdout
+    test = (tmp_path / "mine_source" / "test" / "test_conformance.py").read_text()
+    assert "from trunk_experiments.conformance.plant import CHECKS, conformance" in test
+    check = trunk(tmp_path, "plant", "check", "mine", "--json")
+    assert check.returncode == 0, check.stdout
+    document = json.loads(check.stdout)
+    assert (document["label"], document["package"], document["kept"]) == ("Mine", "mine", True)

@@ -10,17 +10,16 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trunk_core.errors import PlanError, TrunkError
+from trunk_core.parameters.declarations import ParameterError, declarations, values_of
+from trunk_core.parameters.parameter_files import ParameterFileError, read
+from trunk_core.parameters.quantity import SYMBOLS, Unit, parse_unit
+from trunk_core.parameters.to_si import to_si, units_of
 from trunk_experiments.cli import trunk
-from trunk_experiments.errors import PlanError
-from trunk_experiments.live.parameters import choosers_of, said_in_si
-from trunk_experiments.plans.files import parse_setting, shipped_files
-from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.plans.plan import make_plan, parse_swap
-from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.parameters.declarations import ParameterError, declarations, values_of
-from trunk_msgs_util.parameters.files import ParameterFileError, read
-from trunk_msgs_util.parameters.quantity import SYMBOLS, Unit, parse_unit
-from trunk_msgs_util.parameters.to_si import to_si, units_of
+from trunk_runs.live_parameters import choosers_of, class_of, said_in_si
+from trunk_runs.nodes import NODES
+from trunk_runs.plan import make_plan, parse_swap
+from trunk_runs.scenario import parse_setting, shipped_files
 
 NUMERIC = [
     (node, declaration)
@@ -202,23 +201,42 @@ def test_options_of_verbs_take_units(tmp_path):
     assert "Invalid value for '--duration': '5 kg': it is a mass; a time in s" in wrong.output
 
 
+def in_si(node, said, present):
+    return said_in_si(node, class_of(node, (), dict), "mine.yaml", said, present)
+
+
 def test_a_file_for_a_running_node_takes_units():
     said = {"gains.p": "50 N m/rad", "joint": "5 m"}
-    assert said_in_si("/pid", "mine.yaml", said, {}) == {"gains.p": 50.0, "joint": "5 m"}
-    assert said_in_si("/another/name", "mine.yaml", said, {}) == said
+    assert in_si("/pid", said, {}) == {
+        "gains.p": 50.0,
+        "joint": "5 m",
+    }
+    assert in_si("/another/name", said, {}) == said
     with pytest.raises(TrunkError, match=r"^mine\.yaml: /pid: parameter 'gains\.p': '50 N m' is"):
-        said_in_si("/pid", "mine.yaml", {"gains.p": "50 N m"}, {})
+        in_si("/pid", {"gains.p": "50 N m"}, {})
 
 
 def test_what_a_running_node_has_chooses_the_unit():
     said = {"pulse.magnitude": "50 N", "sine.frequency": "1 Hz"}
-    assert choosers_of("/left/disturbance", said) == ["pulse.channel"]
+    assert choosers_of(class_of("/left/disturbance", (), dict), said) == ["pulse.channel"]
     present = {"pulse.channel": "hip_effort"}
-    assert said_in_si("/disturbance", "mine.yaml", said, present)["pulse.magnitude"] == 50.0
+    assert in_si("/disturbance", said, present)["pulse.magnitude"] == 50.0
     with pytest.raises(TrunkError, match="it is a force; an angle in rad is needed"):
-        said_in_si("/disturbance", "mine.yaml", said, {"pulse.channel": "trunk_position"})
+        said_in_si(
+            "/disturbance",
+            class_of("/disturbance", (), dict),
+            "mine.yaml",
+            said,
+            {"pulse.channel": "trunk_position"},
+        )
     both = {**said, "pulse.channel": "hip_effort"}
-    assert said_in_si("/disturbance", "mine.yaml", both, {"pulse.channel": "trunk_position"})
+    assert said_in_si(
+        "/disturbance",
+        class_of("/disturbance", (), dict),
+        "mine.yaml",
+        both,
+        {"pulse.channel": "trunk_position"},
+    )
 
 
 def test_shipped_files_are_plain_for_nodes():
@@ -235,12 +253,12 @@ def test_units_are_loaded_only_where_one_is_used():
     code = (
         "import sys\n"
         "from trunk_experiments.cli import trunk\n"
-        "from trunk_experiments.plans.plan import make_plan\n"
+        "from trunk_runs.plan import make_plan\n"
         "trunk(['--help'], standalone_mode=False)\n"
         "trunk(['plan', '--help'], standalone_mode=False)\n"
         "make_plan('fig8', 'pid', settings=['pid.gains.p=50'])\n"
-        "assert 'trunk_msgs_util.parameters.quantity' not in sys.modules\n"
+        "assert 'trunk_core.parameters.quantity' not in sys.modules\n"
         "make_plan('fig8', 'pid', settings=['pid.gains.p=50 N m/rad'])\n"
-        "assert 'trunk_msgs_util.parameters.quantity' in sys.modules\n"
+        "assert 'trunk_core.parameters.quantity' in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)

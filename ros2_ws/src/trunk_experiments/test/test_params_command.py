@@ -4,10 +4,10 @@ import json
 
 import pytest
 
+from trunk_core.parameters.declarations import declarations
 from trunk_experiments.console import tables
-from trunk_experiments.plans.files import parse_setting, shipped_files
-from trunk_experiments.plans.nodes import NODES
-from trunk_msgs_util.parameters.declarations import declarations
+from trunk_runs.nodes import NODES
+from trunk_runs.scenario import parse_setting, shipped_files
 
 
 @pytest.fixture

@@ -8,20 +8,20 @@ import pytest
 from click.exceptions import Exit
 from mcap.reader import make_reader
 
+from trunk_core import topics
+from trunk_core.parameters.declarations import declarations
+from trunk_core.samples import JointSample
+from trunk_evidence.judgement import DIVERGES, UNJUDGED, verify
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments.commands.run import command, show_run, write_run
-from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, verify
-from trunk_experiments.runs.run_files import RunFiles
-from trunk_msgs_util import topics
-from trunk_msgs_util.parameters.declarations import declarations
-from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
-from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
-from trunk_msgs_util.recording.writer import RecordingWriter
-from trunk_msgs_util.samples import JointSample
+from trunk_recording.cdr import JointStateLayout, layout_of
+from trunk_recording.reader import Recording, RecordingError
+from trunk_recording.schemas import parameter_event, parse_parameter_event
+from trunk_recording.writer import RecordingWriter
+from trunk_runs.nodes import NODES
+from trunk_runs.run_files import RunFiles
 
-from ...trunk_msgs_util.test.mcap_files import ANEW, copied, each
+from ...trunk_recording.test.mcap_files import ANEW, copied, each
 from .documents import checked
 from .verbs import of_recording
 

@@ -8,20 +8,15 @@ from click.testing import CliRunner
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
+from trunk_core.errors import PlanError
+from trunk_core.mechanics import path_height
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments.cli import trunk
-from trunk_experiments.errors import PlanError
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.views.plots import (
-    COLORS,
-    legend,
-    line_style,
-    overview,
-    paper_figure,
-    run_handles,
-    save,
-)
-from trunk_experiments.views.run_view import RunView, labels, off_scale
-from trunk_msgs_util.mechanics import path_height
+from trunk_msgs_util.picture import shapes
+from trunk_views.plots import COLORS, legend, line_style, overview, paper_figure, run_handles, save
+from trunk_views.run_view import RunView, labels, off_scale
+
+from ...trunk_sim.test.geometries import ARMS
 
 MAGIC = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 
@@ -86,6 +81,17 @@ def test_the_path_is_drawn_with_its_harmonics(views, short_run):
         x = line.get_xdata()
         assert line.get_ydata().tolist() == [path_height(one, *path) for one in x.tolist()]
     assert axes.get_ylabel() == "$y$ (m)"
+
+
+def test_a_plant_on_a_pivot_has_a_phase_portrait_of_its_arm(views, monkeypatch):
+    monkeypatch.setattr(shapes, "picture_of", lambda parameters: (ARMS, 0))
+    views = [replace(view) for view in views]  # that have drawn nothing yet
+    figure = overview(views)
+    arm, pole = (a for a in figure.axes if a.get_title(loc="left").startswith("Phase"))
+    assert (arm.get_xlabel(), pole.get_xlabel()) == ("angle $x$ (°)", r"angle $\theta$ (°)")
+    table = views[0].table
+    assert has_line(arm, np.degrees(table.x), table.x_dot)
+    assert has_line(pole, np.degrees(table.theta), table.theta_dot)
 
 
 def test_every_axes_has_units(views):

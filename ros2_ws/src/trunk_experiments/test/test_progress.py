@@ -5,8 +5,8 @@ import io
 import pytest
 from rich.console import Console
 
-from trunk_experiments.console import progress
-from trunk_experiments.console.progress import progress_bar, steps_told
+from trunk_experiments.console import terminal
+from trunk_experiments.console.terminal import progress_bar, steps_told
 
 
 def test_a_line_for_each_tenth(capsys):
@@ -54,9 +54,9 @@ def test_control_characters_in_a_name_do_not_reach_the_log(capsys):
 
 def test_a_terminal_shows_a_bar(monkeypatch, capsys):
     screen = io.StringIO()
-    monkeypatch.setattr(progress, "_on_terminal", lambda: True)
+    monkeypatch.setattr(terminal, "_on_terminal", lambda: True)
     monkeypatch.setattr(
-        progress,
+        terminal,
         "console",
         lambda **_: Console(file=screen, force_terminal=True, width=80),
     )

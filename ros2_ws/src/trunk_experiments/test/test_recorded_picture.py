@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from trunk_core import topics
+from trunk_evidence.differences import diff
+from trunk_evidence.doctor import INFO, findings
+from trunk_evidence.judgement import VERIFIED, verify
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments.cli import trunk
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.doctor import INFO, examine
-from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.schemas import deserialize
+from trunk_recording.reader import Recording
+from trunk_recording.schemas import deserialize
 
 PICTURES = {"/" + name for name in topics.PICTURES}
 
@@ -76,7 +76,7 @@ def test_it_is_covered_by_digests_but_not_judged_and_not_compared(pair, tmp_path
     found = diff(*map(RecordedRun.open, pair))
     assert found.identical
     assert found.record == []
-    assert all(finding.severity == INFO for finding in examine(pair[0]))
+    assert all(finding.severity == INFO for finding in findings(RecordedRun.open(pair[0])))
 
 
 def test_it_is_off_by_default_and_a_parameter_turns_it_on(tmp_path):

@@ -17,22 +17,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trunk_control.fuzzy import fired_rules
-from trunk_experiments.analysis.run_table import recorded_metrics
+from trunk_evidence.doctor import INFO, findings
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import recorded_metrics
 from trunk_experiments.cli import trunk
-from trunk_experiments.plans.nodes import CONTROLLERS
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.doctor import INFO, examine
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views import report_data
-from trunk_experiments.views.report import make_report, render, write
-from trunk_experiments.views.report_data import packed
-from trunk_experiments.views.run_view import RunView, rule_use, times_fired
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.writer import PROVENANCE
-from trunk_sim.operator_input import Applied
+from trunk_msgs_util.picture import shapes
+from trunk_recording.reader import Recording
+from trunk_recording.writer import PROVENANCE
+from trunk_runs.nodes import CONTROLLERS
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_sim.inputs import Applied
+from trunk_views import report_data
+from trunk_views.report_data import packed
+from trunk_views.run_report import make_report, render, write
+from trunk_views.run_view import RunView, rule_use, times_fired
 
-from ...trunk_msgs_util.test.mcap_files import ANEW, content, write_file
+from ...trunk_recording.test.mcap_files import ANEW, content, write_file
+from ...trunk_sim.test.geometries import ARMS
 
 
 def view_of(path):
@@ -95,25 +97,26 @@ def page(report):
 @given(st.lists(st.tuples(st.floats(), st.floats()), min_size=1, max_size=20))
 def test_packing_keeps_every_bit(values):
     one, other = (np.array(column) for column in zip(*values, strict=True))
-    back = unpacked(packed({"one": one, "other": other}))
+    back = unpacked(packed({"one": one, "other": other}.items()))
     assert (back["one"].tobytes(), back["other"].tobytes()) == (one.tobytes(), other.tobytes())
 
 
 def test_equal_columns_are_written_once():
     t = np.arange(5000) / 1e3
-    columns = packed({"t": t, "one": np.sin(t), "other": np.sin(t)})
+    columns = packed({"t": t, "one": np.sin(t), "other": np.sin(t)}.items())
     assert columns["places"] == {"t": 0, "one": 1, "other": 1}
 
 
 def test_a_smooth_curve_packs_to_less_than_half_its_size():
     wave = np.sin(np.arange(10_000) / 1e3)
-    assert len(packed({"wave": wave})["data"]) < len(base64.b64encode(wave.tobytes())) / 2
+    assert len(packed([("wave", wave)])["data"]) < len(base64.b64encode(wave.tobytes())) / 2
 
 
 @given(st.lists(st.floats(allow_infinity=False), min_size=1, max_size=50), st.integers(2, 9))
 def test_bins_keep_the_least_and_the_greatest_in_their_order(values, size):
     column = np.array(values)
-    back = unpacked(packed({"t": np.arange(len(column)) / 8.0, "column": column}, size))
+    times = np.arange(len(column)) / 8.0
+    back = unpacked(packed([("t", times), ("column", column)], size))
     assert (back["t"][0], back["t"][-1]) == (0.0, (len(column) - 1) / 8.0)
     for i, pair in enumerate(back["column"].reshape(-1, 2)):
         part = column[size * i : size * (i + 1)]
@@ -189,9 +192,23 @@ def test_the_page_has_each_runs_path(views, page, short_run):
     settings = ("simulator.path.cosines=[0.05]", "simulator.path.sines=[0.0, 0.1]")
     own = view_of(short_run("fig8", "pid", duration=0.2, settings=settings))
     (run,) = Page(render(make_report([own]))).data["runs"]
-    path = {"amplitude": 1.0, "wavenumber": 1.0, "harmonics": [0.05, 0.0, 0.0, 0.1], "length": 1.0}
-    assert run["world"]["path"] == path
-    assert page.data["runs"][0]["world"]["path"] == path | {"harmonics": []}
+    track = {"amplitude": 1.0, "wavenumber": 1.0, "cosines": [0.05], "sines": [0.0, 0.1]}
+    assert run["world"]["picture"]["track"] == track
+    usual = page.data["runs"][0]["world"]["picture"]
+    assert usual["track"] == track | {"cosines": [], "sines": []}
+    assert [visual["page"] for visual in usual["visuals"]] == [0.0, 0.2, 0.26]
+
+
+def test_a_plant_on_a_pivot_has_its_rates_instead_of_heights(views, monkeypatch):
+    monkeypatch.setattr(shapes, "picture_of", lambda parameters: (ARMS, 0))
+    views = [replace(view) for view in views]  # that have drawn nothing yet
+    report = make_report(views)
+    axes = report.pictures[0].axes[0]
+    assert axes["of"] == ["x", "x_dot"]
+    table = views[0].table
+    assert axes["x"][0] < table.x.min() < table.x.max() < axes["x"][1]  # rad
+    assert unpacked(report.data["runs"][0]["columns"])["x_dot"].tolist() == table.x_dot.tolist()
+    assert report.data["runs"][0]["world"]["picture"]["track"] is None
 
 
 def test_planes_are_pictures_with_their_axes(views, report):
@@ -300,7 +317,7 @@ def test_damage_is_reported(short_run, tmp_path):
     path = tmp_path / "cut.mcap"
     path.write_bytes(short_run("fig8", "pid").read_bytes()[:-3000])
     report = make_report([view_of(path)])
-    wanted = [f.describe() for f in examine(path) if f.severity != INFO]
+    wanted = [f.describe() for f in findings(RecordedRun.open(path)) if f.severity != INFO]
     assert wanted
     fell, *others = report.runs[0].warnings
     assert fell.startswith("FELL")
@@ -338,6 +355,20 @@ def test_the_command_and_its_size(short_run, tmp_path, monkeypatch):
     done = CliRunner().invoke(trunk, ["report", str(run)])
     assert done.exit_code == 0, done.output
     assert (tmp_path / "fig8-fuzzy_pid.html").stat().st_size < 3_000_000
+
+
+def test_the_page_is_opened_where_there_is_a_screen(trunk, short_run, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda address: not opened.append(address))
+    for screen in ("", ":1"):
+        monkeypatch.setenv("DISPLAY", screen)
+        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+        page = tmp_path / f"page{screen}.html"
+        code, _, said = trunk("report", short_run("fig8", "pid"), "-o", page, "--open")
+        assert code == 0
+        line = f"trunk: warning: --open: there is no browser here: open {page.as_uri()}\n"
+        assert said == ("" if screen else line)
+    assert opened == [page.as_uri()]
 
 
 def test_a_run_without_a_known_controller(short_run, tmp_path):

@@ -7,17 +7,16 @@ import pytest
 
 from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.rule_tables import KD_AS_PRINTED, Axes
+from trunk_core.errors import StudyError, TrunkError
+from trunk_core.parameters.declarations import ParameterError, values_of
+from trunk_core.parameters.parameter_files import ParameterFileError
+from trunk_evidence.parameter_text import change_grid, change_text, differing_texts
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_experiments import api as trunk
-from trunk_experiments.analysis.parameter_text import change_grid, change_text, differing_texts
-from trunk_experiments.errors import StudyError
-from trunk_experiments.live.parameters import with_tables
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.study.rows import make_bases, plan_of
-from trunk_experiments.study.study import design, parse_study
-from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.parameters.declarations import ParameterError, values_of
-from trunk_msgs_util.parameters.files import ParameterFileError
+from trunk_runs.live_parameters import with_tables
+from trunk_runs.plan import make_plan
+from trunk_studies.rows import make_bases, plan_of
+from trunk_studies.study import design, parse_study
 
 CELL, OTHER = "rules.kd.ZO.ZO", "rules.kd.NB.PB"
 CHANGED = ("S S S S S S 0.5", *KD_AS_PRINTED[1:3], "B B B S B B B", *KD_AS_PRINTED[4:])
@@ -76,7 +75,11 @@ def from_a_running_node(folder):
     }
     given = {CELL: "S", OTHER: 0.5}
     changed = with_tables(
-        "/robot/fuzzy_pid", "params set", given, lambda names: {n: present[n] for n in names}
+        "/robot/fuzzy_pid",
+        FuzzyPidConfig,
+        "params set",
+        given,
+        lambda names: {n: present[n] for n in names},
     )
     assert list(changed) == ["rules.kd"]
     return tuple(changed["rules.kd"])

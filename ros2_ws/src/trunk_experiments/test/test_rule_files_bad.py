@@ -5,9 +5,9 @@ import sys
 import pytest
 from click.testing import CliRunner
 
+from trunk_control.rulebase.fis import fis_to_fll
+from trunk_core.errors import TrunkError
 from trunk_experiments.cli import trunk
-from trunk_experiments.rulebase.fis import fis_to_fll
-from trunk_msgs_util.errors import TrunkError
 
 FIS = """\
 [System]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.views.rule_plots import memberships, surface
-from trunk_experiments.views.run_view import RunView
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_views.rule_plots import memberships, surface
+from trunk_views.run_view import RunView
 
 
 @pytest.fixture(scope="module")

@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trunk_experiments.batch.block import regular_run, run_block, summary_of
-from trunk_experiments.batch.check import first_difference
-from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.batch.lanes import LANES
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.explain import explain
-from trunk_experiments.replay.verify import verdict_on
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.views.report import make_report, render
-from trunk_experiments.views.run_view import RunView
-from trunk_msgs_util.parameters.declarations import build, values_of
+from trunk_core.parameters.declarations import build, values_of
+from trunk_evidence.explanation import explain
+from trunk_evidence.judgement import verdict_on
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_experiments.conformance.kit import first_difference
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_studies.batch.block import regular_run, run_block, summary_of
+from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.lanes import LANES
+from trunk_views.run_report import make_report, render
+from trunk_views.run_view import RunView
 
-from .random_plans import Draw, rule_base
+from ...trunk_runs.test.random_plans import Draw, rule_base
 
 SIZES = [(2, 2), (3, 5), (5, 5), (64, 64), (9, 2)]
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from trunk_control.rulebase.fis import _SWITCHES, _SYSTEM
+from trunk_control.rulebase.importing import _KEYS, import_rules
+from trunk_core.errors import RuleFileError
 from trunk_experiments.cli import trunk
-from trunk_experiments.errors import RuleFileError
-from trunk_experiments.rulebase.fis import _SWITCHES, _SYSTEM
-from trunk_experiments.rulebase.importing import _KEYS, import_rules
 
 # Between -0.2 and 0.2 rad no rule fires where the trunk does not turn back.
 FIS = """\

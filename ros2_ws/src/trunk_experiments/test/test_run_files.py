@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from trunk_core import topics
+from trunk_core.errors import PlanError
 from trunk_experiments.cli import trunk
-from trunk_experiments.errors import PlanError
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.run_files import RunFiles
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording.writer import RecordingWriter
+from trunk_recording.writer import RecordingWriter
+from trunk_runs.plan import make_plan
+from trunk_runs.run_files import RunFiles
 
 
 def test_without_an_output_the_folder_is_made_below_runs(tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from trunk_experiments.runs.node_processes import find_executable
+from trunk_runs.processes import find_executable
 
 HEAVY = {"matplotlib", "numba", "pandas", "pyarrow", "rclpy", "rosbags", "scipy", "yaml", "jinja2"}
 HEAVY |= {"importlib.metadata", "rich.console", "rich.progress", "email", "asyncio"}
@@ -28,7 +28,7 @@ def imported(*words: object) -> set[str]:
 
 def test_the_overview_imports_click_and_no_verb():
     found = imported("--help")
-    assert not found & (HEAVY | {"numpy", "difflib", "trunk_experiments.recorded"})
+    assert not found & (HEAVY | {"numpy", "difflib", "trunk_evidence"})
     shared = {name for name in found if name.startswith("trunk_experiments.console.")}
     assert shared == {
         f"trunk_experiments.console.{name}" for name in ("document", "terminal", "verbs")
@@ -38,11 +38,11 @@ def test_the_overview_imports_click_and_no_verb():
 def test_metrics_import_numpy_and_neither_plan_nor_plant_nor_law(short_run):
     found = imported("metrics", short_run("fig6", "fuzzy_pid"))
     assert "numpy" in found
-    assert not found & (HEAVY | {"trunk_sim", "trunk_experiments.plans", "trunk_control.law"})
+    assert not found & (HEAVY | {"trunk_sim", "trunk_runs", "trunk_control.law"})
 
 
 @pytest.mark.parametrize("words", [("params", "pid"), ("params", "--json")], ids=" ".join)
 def test_a_list_of_parameters_imports_no_middleware(words):
     found = imported(*words)
     used = {"yaml", "importlib.metadata", "email"}  # laws are found among the installed packages
-    assert not found & (HEAVY - used | {"trunk_experiments.plans.plan"})
+    assert not found & (HEAVY - used | {"trunk_runs.plan"})

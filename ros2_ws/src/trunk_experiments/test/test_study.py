@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from trunk_core.errors import StudyError
 from trunk_experiments.cli import trunk
-from trunk_experiments.errors import StudyError
-from trunk_experiments.study.rows import identity, make_bases
-from trunk_experiments.study.study import Distribution, parse_study, read_study
+from trunk_studies.rows import identity, make_bases
+from trunk_studies.study import Distribution, parse_study, read_study
 
 HEAD = "scenario: fig6\ncontrollers: [pid]\n"
 DELAY = "vary:\n  delay: {parameter: simulator.sensor.delay, values: [0.0]}\n"

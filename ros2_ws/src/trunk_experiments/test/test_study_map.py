@@ -11,11 +11,12 @@ from click.testing import CliRunner
 from rich.cells import cell_len
 from rich.console import Console
 
+from trunk_core.errors import StudyError
 from trunk_experiments.cli import trunk
-from trunk_experiments.console import progress, tables
-from trunk_experiments.errors import StudyError
-from trunk_experiments.study import map as study_map
-from trunk_experiments.study.compare import (
+from trunk_experiments.console import tables, terminal
+from trunk_studies import stability_map as study_map
+from trunk_studies.stability_map import axis_of, draw_curves, panels
+from trunk_studies.statistics import (
     FELL,
     Falls,
     compare_study,
@@ -24,10 +25,9 @@ from trunk_experiments.study.compare import (
     wilson,
     worst_runs,
 )
-from trunk_experiments.study.map import axis_of, draw_curves, panels
-from trunk_experiments.study.results import Results
-from trunk_experiments.study.study import parse_study
-from trunk_experiments.study.sweep import SweepJob, processes
+from trunk_studies.study import parse_study
+from trunk_studies.sweep_execution import SweepJob, processes
+from trunk_studies.sweep_results import Results
 
 STUDY = """
 scenario: fig6
@@ -401,11 +401,11 @@ def test_one_given_axis_leaves_the_other_variable_to_the_other_axis(here):
 def test_a_terminal_shows_the_progress(here, monkeypatch):
     screen = io.StringIO()
 
-    def terminal(**_):
+    def wide(**_):
         return Console(file=screen, force_terminal=True, width=100)
 
-    monkeypatch.setattr(progress, "console", terminal)
-    monkeypatch.setattr(progress, "_on_terminal", lambda: True)
+    monkeypatch.setattr(terminal, "console", wide)
+    monkeypatch.setattr(terminal, "_on_terminal", lambda: True)
     done, told = map_of("mine.parquet")
     assert done.exit_code == 0, told
     for text in ("Floquet multipliers", "100%"):

@@ -3,11 +3,11 @@
 import pyarrow as pa
 import pytest
 
-from trunk_experiments.errors import StudyError
-from trunk_experiments.study.compare import FELL
-from trunk_experiments.study.results import METRICS
-from trunk_experiments.study.sensitivity import check_sensitivity, sensitivities, total_runs
-from trunk_experiments.study.study import parse_study
+from trunk_core.errors import StudyError
+from trunk_studies.sensitivity import check_sensitivity, sensitivities, total_runs
+from trunk_studies.statistics import FELL
+from trunk_studies.study import parse_study
+from trunk_studies.sweep_results import METRICS
 
 STUDY = """
 scenario: fig6

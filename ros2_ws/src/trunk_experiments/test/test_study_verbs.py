@@ -14,16 +14,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from trunk_experiments.analysis.run_table import recorded_metrics
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verify import verify
-from trunk_experiments.study.compare import distributions, falls, worst_runs
-from trunk_experiments.study.report import make_report, render
-from trunk_experiments.study.results import METRICS, Results
-from trunk_experiments.study.study import parse_study
-from trunk_experiments.study.sweep import SweepJob, processes
+from trunk_evidence.judgement import verify
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import recorded_metrics
+from trunk_studies.statistics import distributions, falls, worst_runs
+from trunk_studies.study import parse_study
+from trunk_studies.study_report import make_report, render
+from trunk_studies.sweep_execution import SweepJob, processes
+from trunk_studies.sweep_results import METRICS, Results
 
-from .page_driver import NARROW, PHONE
+from ...trunk_views.test.page_driver import NARROW, PHONE
 
 STUDY = """
 scenario: fig6

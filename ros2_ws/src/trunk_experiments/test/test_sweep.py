@@ -16,19 +16,19 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from trunk_experiments.analysis.metrics import metrics
-from trunk_experiments.analysis.run_table import RunTable
+from trunk_core import PACKAGES, compiled
+from trunk_core.errors import StudyError, SweepError
+from trunk_core.parameters.declarations import values_of
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import RunTable, metrics
 from trunk_experiments.cli import trunk
-from trunk_experiments.errors import StudyError, SweepError
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.study import sweep as module
-from trunk_experiments.study.limit import survival
-from trunk_experiments.study.map import panels
-from trunk_experiments.study.results import Results
-from trunk_experiments.study.rows import make_bases, plan_of, rows_of
-from trunk_experiments.study.study import (
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
+from trunk_studies import sweep_execution as module
+from trunk_studies.robustness import survival
+from trunk_studies.rows import make_bases, plan_of, rows_of
+from trunk_studies.stability_map import panels
+from trunk_studies.study import (
     Distribution,
     Target,
     design,
@@ -37,9 +37,8 @@ from trunk_experiments.study.study import (
     read_study,
     shipped_studies,
 )
-from trunk_experiments.study.sweep import METRICS, SweepJob, processes, run_block
-from trunk_msgs_util import compiled
-from trunk_msgs_util.parameters.declarations import values_of
+from trunk_studies.sweep_execution import METRICS, SweepJob, processes, run_block
+from trunk_studies.sweep_results import Results
 
 STUDY = """
 scenario: fig8
@@ -190,7 +189,7 @@ def test_provenance_and_study_are_in_the_file(undisturbed):
 KILLED_AFTER_FOUR_BLOCKS = """
 import os, signal
 from trunk_experiments.cli import main
-from trunk_experiments.study.sweep import SweepJob
+from trunk_studies.sweep_execution import SweepJob
 
 keep, kept = SweepJob.keep, []
 
@@ -394,15 +393,18 @@ def test_blocks_with_other_draws_are_refused(own_study, tmp_path, monkeypatch):
 
 DECIDE_NUMBERS = [
     "trunk_sim/config.py",
-    "trunk_control/controller_config.py",
     "trunk_control/reference.py",
     "trunk_control/law.py",
     *(f"trunk_control/{name}.py" for name in ("pid", "fuzzy_pid", "lqr", "fuzzy_torque")),
-    "trunk_msgs_util/units.py",
-    "trunk_msgs_util/parameters/body.py",
-    "trunk_msgs_util/parameters/declarations.py",
-    "trunk_experiments/study/study.py",
-    "trunk_experiments/study/sweep.py",
+    "trunk_core/units.py",
+    "trunk_core/parameters/shared.py",
+    "trunk_core/parameters/declarations.py",
+    "trunk_recording/joint_table.py",
+    "trunk_msgs_util/source.py",
+    "trunk_runs/loop.py",
+    "trunk_evidence/run_metrics.py",
+    "trunk_studies/study.py",
+    "trunk_studies/sweep_execution.py",
 ]
 
 
@@ -430,10 +432,22 @@ def test_blocks_of_changed_sources_are_refused(own_study, tmp_path, change, name
         SweepJob(own_study, tmp_path / "out.parquet").start()
 
 
-@pytest.mark.parametrize("name", ["gateway/server.py", "views/report.py", "commands/live.py"])
+DECIDE_NONE = [
+    *("trunk_views/live/server.py", "trunk_views/run_report.py"),
+    "trunk_experiments/commands/live.py",
+]
+
+
+def test_each_package_decides_numbers_or_none():
+    decide, none = ({name.partition("/")[0] for name in x} for x in (DECIDE_NUMBERS, DECIDE_NONE))
+    assert decide | none == {*PACKAGES}
+    assert not decide & none
+
+
+@pytest.mark.parametrize("name", DECIDE_NONE)
 def test_what_decides_no_number_does_not_discard_a_sweep(own_study, tmp_path, change, name):
     interrupted(own_study, tmp_path / "out.parquet")
-    change(f"trunk_experiments/{name}")
+    change(name)
     assert SweepJob(own_study, tmp_path / "out.parquet").start() == 3
 
 

@@ -7,20 +7,21 @@ import pytest
 import yaml
 
 import trunk_experiments.api as trunk
-from trunk_experiments.batch.compiled_run import Batch
-from trunk_experiments.live.parameters import planned_names, with_numbers
-from trunk_experiments.plans.nodes import NODES
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.study.rows import make_bases, plan_of
-from trunk_experiments.study.study import design, read_study
-from trunk_msgs_util.parameters.declarations import (
+from trunk_core.parameters.declarations import (
     ParameterError,
     build,
     declarations,
     listed,
     values_of,
 )
-from trunk_msgs_util.parameters.files import Layer, ParameterFileError, Section
+from trunk_core.parameters.parameter_files import Layer, ParameterFileError, Section
+from trunk_runs.live_parameters import class_of, planned_names, with_numbers
+from trunk_runs.nodes import NODES
+from trunk_runs.plan import make_plan
+from trunk_sim.disturbance_config import DisturbanceConfig
+from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.rows import make_bases, plan_of
+from trunk_studies.study import design, read_study
 
 REFERENCE = "t [ms],reference [deg]\n0,0\n250,20\n250,10\n400,-5\n"
 PUSH = "t [s],value [N*m]\n0.1,0\n0.2,4\n0.3,0\n"
@@ -106,7 +107,7 @@ def test_what_can_be_written_is_listed(command_says):
     for node in ("pid", "disturbance"):
         code, out, _ = command_says("params", node, "--markdown")
         assert code == 0
-        assert all(f"| `{name}`" in out for name in planned_names(f"/{node}"))
+        assert all(f"| `{name}`" in out for name in planned_names(class_of(f"/{node}", (), dict)))
     code, out, err = command_says("params", "show", "mine/mine.yaml")
     assert (code, err) == (0, "")
     assert "CSV with the columns t and reference" in out
@@ -273,11 +274,11 @@ def test_a_running_node_gets_the_numbers():
     Path("mine/push.csv").write_text("t,value [cm]\n0.1,0\n0.2,400\n0.3,0\n")
     said = {"table.file": "mine/push.csv", "sine.amplitude": 1.0}
     layer = Layer("params set", (Section("/left/disturbance", said),))
-    assert with_numbers("/left/disturbance", layer, said, values) == {
+    assert with_numbers("/left/disturbance", DisturbanceConfig, layer, said, values) == {
         "sine.amplitude": 1.0,
         "table.times": [0.1, 0.2, 0.3],
         "table.values": [0.0, 4.0, 0.0],
     }
     assert asked == [["table.channel"]]
     unknown = Layer("params set", (Section("/other", said),))
-    assert with_numbers("/other", unknown, said, values) == said
+    assert with_numbers("/other", None, unknown, said, values) == said

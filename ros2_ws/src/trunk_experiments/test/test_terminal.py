@@ -11,9 +11,9 @@ import termios
 import pytest
 
 from trunk_experiments.cli import main
-from trunk_msgs_util.provenance import ARITHMETIC
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+from trunk_recording.provenance import ARITHMETIC
+from trunk_recording.reader import Recording
+from trunk_recording.writer import PROVENANCE, RecordingWriter
 
 EVIL = "\x1b]0;owned\x07\x1b[2J"
 

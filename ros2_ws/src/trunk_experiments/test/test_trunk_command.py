@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from trunk_experiments.analysis.metrics import Metrics
+from trunk_evidence.run_metrics import Metrics
 from trunk_experiments.cli import main
 
 
@@ -191,8 +191,8 @@ def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):
         (
             ("list", "rnus"),
             (
-                "trunk list 'rnus': give one of controllers, files, runs, scenarios, schemas, studies; "
-                "did you mean 'runs'?"
+                "trunk list 'rnus': give one of controllers, files, plants, runs, scenarios, schemas, "
+                "studies; did you mean 'runs'?"
             ),
         ),
         (

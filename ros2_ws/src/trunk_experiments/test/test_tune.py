@@ -8,28 +8,28 @@ from hypothesis import strategies as st
 
 from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.lqr import LqrConfig
+from trunk_core.errors import PlanError, TuningError
 from trunk_experiments.cli import trunk
 from trunk_experiments.commands.tune import command
-from trunk_experiments.errors import PlanError, TuningError
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.tuning import search
-from trunk_experiments.tuning.linear import Linear, linearise
-from trunk_experiments.tuning.methods import by_lqr, by_poles, relay, ultimate
-from trunk_experiments.tuning.search import fuzzy_space, gains_space
-from trunk_msgs_util.mechanics import Body
+from trunk_runs.plan import make_plan
+from trunk_sim.config import TrunkSimulator
+from trunk_studies.tuning import search
+from trunk_studies.tuning.linear import Linear, linearise
+from trunk_studies.tuning.methods import by_lqr, by_poles, relay, ultimate
+from trunk_studies.tuning.search import fuzzy_space, gains_space
 
-PLANT = linearise(Body())
+PLANT = linearise(TrunkSimulator())
 
 
 def test_linearise_gives_the_textbook_pendulum():
-    found = linearise(Body(trunk_mass=2.0, length=0.5, gravity=9.0))
+    found = linearise(TrunkSimulator(trunk_mass=2.0, length=0.5, gravity=9.0))
     assert (found.a, found.b) == (pytest.approx(18.0), pytest.approx(2.0))
 
 
 @pytest.mark.parametrize("length", [1e-200, 1e-160])
 def test_a_plant_beyond_floating_point_is_refused(length):
-    with pytest.raises(PlanError, match=r"the plant cannot be linearised: plant\.length"):
-        linearise(Body(length=length))
+    with pytest.raises(PlanError, match=f"cannot be linearised: .* with .*length={length},"):
+        linearise(TrunkSimulator(length=length))
 
 
 @given(st.lists(st.floats(-40.0, -0.5), min_size=2, max_size=3, unique=True))
@@ -146,7 +146,7 @@ def test_the_relay_agrees_with_routh():
 )
 def test_the_relay_finds_the_exact_limit_cycle(lag, damping, mass, gain):
     """Tsypkin's, computed independently."""
-    plant = linearise(Body(trunk_mass=mass))
+    plant = linearise(TrunkSimulator(trunk_mass=mass))
     assert relay(plant._replace(c=damping * plant.b, lag=lag), 1.0).gain == pytest.approx(
         gain, abs=1e-4
     )
@@ -219,17 +219,42 @@ def test_a_search_is_reproducible_and_no_worse_than_its_start(controller, tmp_pa
     assert make_plan("fig6", controller, [str(tmp_path / "a.yaml")])
 
 
-def test_a_fall_costs_as_a_divergence_does_and_only_the_search_s_runs_count(monkeypatch):
-    made = []
-    real = search.summary_of
-    monkeypatch.setattr(search, "summary_of", lambda *given: made.append(given) or real(*given))
-    fallen = ["simulator.fall.angle=0.05", "simulator.fall.stop=true", "simulator.duration=1.0"]
-    plan = make_plan("fig6", "pid", [], fallen, {"update_rate": 200.0})
-    told = []
-    found = search.search([plan], "effort", 1, 2, 1, lambda *progress: told.append(progress))
-    assert found.before == search.FAILED
-    assert told == [(1, found.after)]
-    assert found.runs == len(made) == 1 + 2 * 6
+def test_a_single_number_is_searched_without_a_warning(monkeypatch, capsys):
+    plan = make_plan("fig6", "pid", [], ["simulator.duration=0.5"], {"update_rate": 200.0})
+    space = gains_space(plan.controller)
+    single = space._replace(
+        bounds=space.bounds[:1],
+        start=space.start[:1],
+        values=lambda x: {"gains.p": 10.0 ** x.item()},
+    )
+    monkeypatch.setattr(search, "space_of", lambda *_: single)
+    optimum = search.search([plan], "iae", 2, 3, 1, 1, lambda *_: None)
+    assert optimum.after < optimum.before
+    assert list(optimum.values) == ["gains.p"]
+    assert "1-D" not in "".join(capsys.readouterr())  # what the library says of a single number
+
+
+def test_of_two_runs_one_may_fall_and_costs_ten_times_the_other(monkeypatch):
+    settings = ["simulator.fall.stop=true", "simulator.duration=1.0"]
+    plans = [
+        make_plan("fig6", "pid", [], [*settings, f"simulator.fall.angle={angle}"], everywhere)
+        for everywhere in [{"update_rate": 200.0}]
+        for angle in (0.05, 1.0)
+    ]
+    told: list[tuple[int, float]] = []
+    optimum = search.search(plans, "effort", 1, 3, 1, 1, lambda *progress: told.append(progress))
+    fell, stood = search.metrics_of(plans, "effort", [{}])[0]
+    assert np.isnan(fell)
+    assert optimum.fall_costs == 10.0 * stood
+    assert optimum.before == (stood + optimum.fall_costs) / 2.0
+    assert told == [(1, optimum.after)]
+    assert optimum.after <= optimum.before
+    assert optimum.runs == (1 + 3) * 2
+    with pytest.raises(PlanError, match="pid falls in each of 1 runs"):
+        search.search(plans[:1], "effort", 1, 3, 1, 1, lambda *_: None)
+    monkeypatch.setattr(search, "metrics_of", lambda *_: np.array([[np.nan, 0.0]]))
+    with pytest.raises(PlanError, match="overshoot_deg is 0 in each run of pid that stands"):
+        search.search(plans, "overshoot_deg", 1, 3, 1, 1, lambda *_: None)
 
 
 @pytest.mark.parametrize(

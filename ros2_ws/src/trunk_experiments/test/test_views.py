@@ -9,9 +9,11 @@ import pytest
 import yaml
 
 from trunk_control.laws import law_named
-from trunk_experiments.views.markers import MarkersConfig
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_core.parameters.declarations import values_of
 from trunk_msgs_util.picture.shapes import Geometry, Scene, shapes
+from trunk_sim.config import TrunkSimulator
+from trunk_views.markers import MarkersConfig
 
 PACKAGE = Path(__file__).parents[1]
 RVIZ = sorted((PACKAGE / "rviz").glob("*.rviz"))
@@ -46,7 +48,8 @@ def test_rviz_shows_topics_that_exist_with_the_display_of_their_type(path):
     assert shown
     for topic, display in shown.items():
         assert known_topics()[topic].rsplit("/", 1)[-1] == display
-    drawn = {s.name for s in shapes(Geometry(), Scene(0.0, 0.0))}
+    geometry = Geometry.from_parameters(values_of(TrunkSimulator()))
+    drawn = {s.name for s in shapes(geometry, Scene(0.0, 0.0))}
     assert {n for d in displays(tree) for n in d["Namespaces"]} == drawn
 
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import pytest
 
 from trunk_experiments.cli import main
-from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.offline_recording import record_offline
+from trunk_runs.offline_recording import record_offline
+from trunk_runs.plan import make_plan
 
 Arguments = tuple[object, ...]
 

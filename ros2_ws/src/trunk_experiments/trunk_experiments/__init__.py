@@ -1,4 +1,4 @@
-"""Scenarios, offline runs, graph runs and everything behind the ``trunk`` command.
+"""The ``trunk`` command and the library, kits of conformance, labs, environments, controllers as C.
 
-Contract: only ``*_node.py`` imports ROS; every offline verb works without ROS installed.
+Contract: nothing imports ROS; every offline verb works without ROS installed.
 """

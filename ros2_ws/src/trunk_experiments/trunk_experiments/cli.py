@@ -10,8 +10,15 @@ from typing import TextIO, cast
 
 import click
 
-from trunk_msgs_util.errors import EXIT_UNREAD, EXIT_USAGE, TrunkError, unusable_setting
-from trunk_msgs_util.text import PrintableStream, shortened
+from trunk_core.errors import (
+    EXIT_UNREAD,
+    EXIT_USAGE,
+    TrunkError,
+    did_you_mean,
+    show_warnings_plainly,
+    unusable_setting,
+)
+from trunk_core.text import PrintableStream, shortened
 
 from .console.document import ErrorResult, documents_alone, json_asked, write_json
 from .console.terminal import (
@@ -21,7 +28,6 @@ from .console.terminal import (
     show_warnings,
 )
 from .console.verbs import LazyVerbs
-from .errors import did_you_mean, show_warnings_plainly
 
 # The verbs by family, each with one line for the overview (which thus imports nothing).
 _FAMILIES = {
@@ -33,13 +39,13 @@ _FAMILIES = {
         "plan": "Write a run's parameters, to start its nodes elsewhere.",
     },
     "look": {
-        "list": "List runs, scenarios, files, studies, controllers.",
+        "list": "List runs, scenarios, studies, controllers, plants.",
         "info": "Show what is in a recording, and what is wrong with it.",
         "metrics": "Print a recorded run's metrics.",
         "compare": "Compare recorded runs side by side.",
         "explain": "Explain why a run had this torque at this instant.",
         "plot": "Draw recorded runs as PNG, SVG or PDF.",
-        "report": "Write recorded runs as one HTML page; open it, serve it.",
+        "report": "Write recorded runs as one HTML page; open it.",
         "export": "Write a run as CSV, Parquet, npz, MCAP, GIF, MP4.",
     },
     "trust": {
@@ -59,6 +65,7 @@ _FAMILIES = {
         "tune": "Compute gains and their margins, as a parameter file.",
         "rules": "Read rules of MATLAB, Octave, fuzzylite; write them.",
         "controller": "Make a controller of your own, and check it.",
+        "plant": "Make a plant of your own, and check it.",
         "export-c": "Write a controller as C, equal to the last bit.",
         "lab": "Write a scenario as a lab in one HTML file.",
     },
@@ -108,7 +115,7 @@ class _Trunk(LazyVerbs):
 
 def _warn_of_unusable() -> None:
     """Say which controllers of other packages cannot be used, if the verb knows controllers at all."""
-    nodes = sys.modules.get(f"{__package__}.plans.nodes")
+    nodes = sys.modules.get("trunk_runs.nodes")
     unusable = nodes.UNUSABLE.values() if nodes else ()
     show_warnings(f"{reason}; the other controllers can be used" for reason in unusable)
 
@@ -124,7 +131,7 @@ def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> 
 @click.group(
     cls=_Trunk,
     package=f"{__package__}.commands",
-    modules={"sweep": "study.sweep", "export-c": "export_c"},
+    modules={"export-c": "export_c"},
     overview=OVERVIEW,
     gone=_GONE,
     options_metavar="[--version]",
@@ -180,7 +187,7 @@ def _code() -> int:
         return 128 + SIGINT
     except (
         BrokenPipeError
-    ):  # of a result that is written to a pipe; streams.py has the standard streams
+    ):  # of a result that is written to a pipe; files.py has the standard streams
         return EXIT_UNREAD
     except (TrunkError, OSError) as error:
         return _failed(line_of(error), report_error(error))
@@ -209,9 +216,9 @@ def _without_ros(error: Exception) -> str:
 
 def _fault_of_a_law(error: Exception) -> str:
     """Return the fault of another package's law that raised the error; empty if none did or is loaded."""
-    if f"{__package__}.plans.nodes" not in sys.modules:
+    if "trunk_runs.nodes" not in sys.modules:
         return ""
-    from .plans.nodes import fault_of_a_law
+    from trunk_runs.nodes import fault_of_a_law
 
     return fault_of_a_law(error)
 

@@ -9,9 +9,8 @@ import time
 import traceback
 from threading import Thread
 
-from trunk_msgs_util import streams
-from trunk_msgs_util.errors import EXIT_DEFECT
-from trunk_msgs_util.files import discard_parts
+from trunk_core.errors import EXIT_DEFECT
+from trunk_core.files import discard_parts, leave, prepare_streams
 from trunk_msgs_util.node import early_signals
 
 _SAID: list[bool] = []  # not empty: the line has been written
@@ -22,8 +21,8 @@ _WITH_OTHERS = {"run", "sweep", "paper", "params", "tune", "live", "study map", 
 # These have loaded rclpy, and nothing is left to do after them.
 _LEAVE_AT_ONCE = {"params", "run", "live"}
 
-composed = early_signals.node("trunk_experiments.runs.composed_node")
-markers = early_signals.node("trunk_experiments.views.markers_node")
+composed = early_signals.node("trunk_runs.composed_node")
+markers = early_signals.node("trunk_views.markers_node")
 
 
 class _Interrupted(BaseException):
@@ -87,7 +86,7 @@ def _end_soon() -> None:
 def _leave(stop: SystemExit) -> None:
     """End the process with the exit code of a finished verb."""
     if set(sys.argv[1:2]) & _LEAVE_AT_ONCE and isinstance(stop.code, int):
-        streams.leave(stop.code)
+        leave(stop.code)
 
 
 def trunk() -> None:
@@ -95,7 +94,7 @@ def trunk() -> None:
 
     A defect gives its traceback and code 70: Python's own would be 1, the code of a verdict.
     """
-    streams.prepare()
+    prepare_streams()
     early_signals.end_by(_end)
     if not _works_with_others():
         _end_soon()

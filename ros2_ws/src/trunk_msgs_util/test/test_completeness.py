@@ -2,9 +2,10 @@
 
 import pytest
 
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_core.topics import LEVEL_OK
 from trunk_msgs_util.completeness import Account
-from trunk_msgs_util.recording.schemas import LEVEL_OK, ParameterChange, RunEvent
+from trunk_recording.schemas import ParameterChange, RunEvent
 
 HEARD = (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND)
 

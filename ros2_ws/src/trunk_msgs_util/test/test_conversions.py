@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.recording import schemas
-from trunk_msgs_util.samples import JointSample
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_recording import schemas
 
 pytest.importorskip("rclpy")
 

@@ -69,6 +69,19 @@ def test_what_is_known_of_states_that_do_not_come(publishers, last_ns, refused, 
     assert str(states("/s", publishers, last_ns, refused)) == expected
 
 
+def test_a_topic_of_the_same_name_in_another_namespace_is_told():
+    node = MagicMock()
+    node.get_fully_qualified_name.return_value = "/simulator"
+    node.get_topic_names_and_types.return_value = [("/elsewhere/command", ["T"]), ("/b", ["T"])]
+    mine = MagicMock(node_namespace="/elsewhere", node_name="mine", topic_type="T")
+    published = {"/elsewhere/command": [mine]}
+    node.get_publishers_info_by_topic.side_effect = lambda topic: published.get(topic, [])
+    node.get_subscriptions_info_by_topic.return_value = []
+    assert strangers.near_misses(node, "/command", "/states", "T", ()) == [
+        "/elsewhere/mine publishes /elsewhere/command: the topic is /command"
+    ]
+
+
 def test_a_domain_is_told_by_the_ports_of_its_participants(monkeypatch):
     """The first is 7400 + 250 × domain + 10 (DDSI-RTPS); 7410 is of domain 0."""
     holders = {7410: "ours", 7659: "nobody's", 7660: "a talker", 7900: "b", 7910: "a listener"}

@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from trunk_msgs_util.errors import SettingError
+from trunk_core.errors import SettingError
 from trunk_msgs_util.node import middleware
 from trunk_msgs_util.node.middleware import (
     PROFILES,

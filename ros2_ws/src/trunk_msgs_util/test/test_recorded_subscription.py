@@ -10,11 +10,11 @@ pytest.importorskip("rclpy")
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+from trunk_core.samples import JointSample
+from trunk_core.topics import JOINT_STATE_TYPE
 from trunk_msgs_util.node import recorder_node
 from trunk_msgs_util.node.recorder_node import RecordedSubscription
-from trunk_msgs_util.recording.joint_state_cdr import layout_of
-from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.topics import JOINT_STATE_TYPE
+from trunk_recording.cdr import layout_of
 
 PLAIN = ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE
 LOSSY = ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from trunk_msgs_util import topics
+from trunk_core import topics
 from trunk_msgs_util.node.discovery import reporting
 
 

@@ -4,9 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.recording.cdr import MAX_NAME
-from trunk_msgs_util.recording.joint_state_cdr import frame_in, layout_of
-from trunk_msgs_util.samples import JointSample
+from trunk_core.samples import JointSample
 from trunk_msgs_util.source import (
     frame_of_inputs,
     process_id,
@@ -15,6 +13,7 @@ from trunk_msgs_util.source import (
     source_in,
     sources_of_inputs,
 )
+from trunk_recording.cdr import MAX_NAME, frame_in, layout_of
 
 PID, PLANT = source("pid", "boot.3.4"), source("simulator", "boot.1.2")
 LONGEST = source("n" * 240, "p" * 98)

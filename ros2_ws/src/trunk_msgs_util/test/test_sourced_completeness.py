@@ -2,12 +2,13 @@
 
 import pytest
 
-from trunk_msgs_util import topics
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_core.topics import LEVEL_OK
 from trunk_msgs_util.completeness import OF_STATES_IN_REAL_TIME, Account
-from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
-from trunk_msgs_util.recording.schemas import LEVEL_OK, ParameterChange, RunEvent
-from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import frame_of_inputs
+from trunk_recording.cdr import JointStateLayout, layout_of
+from trunk_recording.schemas import ParameterChange, RunEvent
 
 MS = 1_000_000
 PLANT, PID, PUSH, OTHER = (

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from . import topics
-from .events import ENDS, Event, as_count
-from .recording.joint_state_cdr import frame_in
-from .recording.schemas import ParameterChange, RunEvent
-from .samples import JointSample
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_core.topics import DISTURBANCE, EFFORT_COMMAND, ENDS, INPUT_NAMES, Event, as_count
+from trunk_core.units import seconds
+from trunk_recording.cdr import frame_in
+from trunk_recording.schemas import ParameterChange, RunEvent
+
 from .source import ARRIVAL, source_in, sources_of_inputs
-from .topics import DISTURBANCE, EFFORT_COMMAND, INPUT_NAMES
-from .units import seconds
 
 # One message for each state, by the simulator alone.
 OF_STATES = (topics.GROUND_TRUTH, topics.JOINT_STATES)
@@ -222,8 +222,8 @@ class Account:
                 yield f"{topic}: {count} messages, {claimed} of them from its own node: {_ELSEWHERE}"
 
 
-# A message is named by a row at the latest when it no longer acts; of each topic so many that no row has
-# named are remembered, and so many that are named but not recorded.
+# A message is named by a row at the latest when it no longer acts; of each topic so many are remembered,
+# and so many that are named but not recorded.
 _REMEMBERED = 100_000
 _COMMAND, _DISTURBANCE = 0, 1  # where a row has their ages
 
@@ -235,34 +235,27 @@ class _Key(NamedTuple):
     source: str  # empty: an external node's
 
 
-class _Topic:
-    """One topic's messages: those that rows may still name, and those that rows have named in vain."""
+class _Messages:
+    """What is on record of a topic, the newest, by any key, and what rows have named in vain."""
 
     def __init__(self) -> None:
-        self._recorded: OrderedDict[_Key, None] = OrderedDict()
-        self._named: _Key | None = None
-        self._missing: OrderedDict[_Key, None] = OrderedDict()
+        self._recorded: OrderedDict[Any, None] = OrderedDict()
+        self._missing: dict[Any, _Key] = {}
 
-    def record(self, key: _Key) -> None:
+    def record(self, key: Any) -> None:
         """Take a message that is on record."""
-        if key in self._missing:
-            del self._missing[key]
-        else:
-            self._recorded[key] = None
-            if len(self._recorded) > _REMEMBERED:
-                self._recorded.popitem(last=False)
-
-    def name(self, key: _Key) -> None:
-        """Take what a row names: the rows' stamps increase, and what is older is never named again."""
-        if key == self._named:
-            return
-        self._named = key
-        if key not in self._recorded:
-            if len(self._missing) < _REMEMBERED:
-                self._missing[key] = None
-            return
-        while next(iter(self._recorded)) < key:
+        self._missing.pop(key, None)
+        self._recorded[key] = None
+        self._recorded.move_to_end(key)
+        if len(self._recorded) > _REMEMBERED:
             self._recorded.popitem(last=False)
+
+    def name(self, key: Any, message: _Key) -> None:
+        """Take what a row names."""
+        if key in self._recorded:
+            self._recorded.move_to_end(key)
+        elif len(self._missing) < _REMEMBERED:
+            self._missing.setdefault(key, message)
 
     def rename(self, simulator: str) -> None:
         """Take what was recorded under the simulator's source, before that was known, as a stranger's."""
@@ -272,40 +265,15 @@ class _Topic:
 
     def missing(self) -> list[_Key]:
         """Return the messages that were in force but are not on record, in order."""
-        return sorted(self._missing)
-
-
-class _Arrivals:
-    """Commands that act from their arrival: a row names their torque alone."""
-
-    def __init__(self) -> None:
-        self._recorded: OrderedDict[float, None] = OrderedDict()
-        self._missing: OrderedDict[float, int] = OrderedDict()  # with the stamp of the first row
-
-    def record(self, effort: float) -> None:
-        """Take one that is on record."""
-        self._missing.pop(effort, None)
-        self._recorded[effort] = None
-        self._recorded.move_to_end(effort)
-        if len(self._recorded) > _REMEMBERED:
-            self._recorded.popitem(last=False)
-
-    def name(self, effort: float, stamp_ns: int) -> None:
-        """Take what a row names."""
-        if effort not in self._recorded and len(self._missing) < _REMEMBERED:
-            self._missing.setdefault(effort, stamp_ns)
-
-    def missing(self) -> list[_Key]:
-        """Return the messages that were in force but are not on record, in order."""
-        return sorted(_Key(stamp_ns, "") for stamp_ns in self._missing.values())
+        return sorted(self._missing.values())
 
 
 class ActedRecord:
     """Takes rows, commands and disturbances in any order."""
 
     def __init__(self) -> None:
-        self._topics = {EFFORT_COMMAND: _Topic(), DISTURBANCE: _Topic()}
-        self._arrivals = _Arrivals()
+        self._topics = {EFFORT_COMMAND: _Messages(), DISTURBANCE: _Messages()}
+        self._arrivals = _Messages()  # act from their arrival: a row names their torque alone
         self._simulator = ""  # the rows' source
 
     def record(self, topic: str, stamp_ns: int, source: str) -> None:
@@ -342,9 +310,10 @@ class ActedRecord:
         ages = sample.velocity[_COMMAND], sample.velocity[_DISTURBANCE]
         for topic, source, age in zip(self._topics.values(), sources[1:], ages, strict=True):
             if age >= 0.0 and source == ARRIVAL:
-                self._arrivals.name(sample.position[_COMMAND], sample.stamp_ns)
+                self._arrivals.name(sample.position[_COMMAND], _Key(sample.stamp_ns, ""))
             elif age >= 0.0:
-                topic.name(_Key(sample.stamp_ns - int(age), source))
+                message = _Key(sample.stamp_ns - int(age), source)
+                topic.name(message, message)
 
     def missing(self) -> Iterator[str]:
         """Yield the topics whose messages acted but are not on record, a line each."""

@@ -17,7 +17,7 @@ from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
 
-from .errors import TrunkError
+from trunk_core.errors import TrunkError
 
 # In ``plant/inputs``: of what an external node sent, or where nothing acts.
 NO_SOURCE = "-"

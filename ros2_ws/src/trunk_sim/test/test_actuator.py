@@ -8,19 +8,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.mechanics import Body
-from trunk_sim.actuator import (
-    STICKING,
-    Actuator,
-    actuator_torque,
-    approach_of,
-    quantised,
-    with_friction,
-)
-from trunk_sim.config import SimulatorConfig
+from trunk_core.mechanics import Body
+from trunk_sim.config import TrunkSimulator
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
-from trunk_sim.step import Plant, PlantStatus, Scale, SensorParameters, act, at_rest, sense
+from trunk_sim.plants.trunk import prescribed
+from trunk_sim.step import (
+    STICKING,
+    Actuator,
+    PlantConstants,
+    PlantStatus,
+    Scale,
+    SensorParameters,
+    act,
+    actuator_torque,
+    approach_of,
+    at_rest,
+    on_second,
+    quantised,
+    sense,
+    with_friction,
+)
 
 numbers = st.floats(-1e6, 1e6)
 QUIET = Disturbance()
@@ -88,13 +96,13 @@ def test_friction_acts_against_the_motion(rate, coulomb, viscous):
 
 
 def test_friction_takes_energy_from_a_swinging_trunk():
-    plant = Plant(Body(amplitude=0.0, prescribed=True), 0.001, 1, inf, inf)  # a pendulum at rest
+    plant = PlantConstants(Body(amplitude=0.0), 0.001, 1, inf, inf)  # a pendulum at rest
     start = at_rest(PlantState(0.0, 3.0, 0.0, 0.0), plant)
 
     def fastest(plant):
         trunk, fastest = start, 0.0
         for k in range(4000):
-            trunk = act(trunk, 0.0, QUIET, plant)
+            trunk = act(trunk, 0.0, QUIET, plant, on_second, prescribed)
             fastest = max(fastest, abs(trunk.state.theta_dot)) if k > 2500 else fastest
         return fastest
 
@@ -103,11 +111,11 @@ def test_friction_takes_energy_from_a_swinging_trunk():
 
 
 def test_the_torque_of_a_drive_is_reported_and_moves_the_trunk():
-    plant = Plant(Body(), 0.005, 1, inf, inf, Actuator(approach=0.25))
+    plant = PlantConstants(Body(), 0.005, 1, inf, inf, Actuator(approach=0.25))
     trunk = PlantStatus(PlantState(0.0, 0.0, 1.0, 0.0), 4.0, False, False)
-    after = act(trunk, 12.0, QUIET, plant)
+    after = act(trunk, 12.0, QUIET, plant, on_second, prescribed)
     assert after.effort == 6.0
-    alone = act(trunk, 6.0, QUIET, plant._replace(actuator=None))
+    alone = act(trunk, 6.0, QUIET, plant._replace(actuator=None), on_second, prescribed)
     assert after.state == alone.state
 
 
@@ -125,7 +133,7 @@ def test_sensors_read_multiples_within_their_limits():
 
 
 def test_parameters_become_constants_of_a_period():
-    config = SimulatorConfig(
+    config = TrunkSimulator(
         update_rate=100.0,
         actuator_time_constant=0.02,
         actuator_rate_limit=500.0,
@@ -137,5 +145,5 @@ def test_parameters_become_constants_of_a_period():
     assert drive.approach == pytest.approx(1.0 - exp(-0.5), rel=1e-15)
     assert (drive.step, drive.dead_band, drive.coulomb, drive.viscous) == (5.0, 0.1, 2.0, 0.0)
     assert config.sensor.scale == Scale(0.001, 0.0, inf, inf)
-    assert SimulatorConfig().plant.actuator is SimulatorConfig().sensor.scale is None
+    assert TrunkSimulator().plant.actuator is TrunkSimulator().sensor.scale is None
     assert nextafter(1.0, 0.0) < approach_of(1e-9, 1.0) <= 1.0

@@ -4,17 +4,18 @@ from math import inf, pi
 
 import pytest
 
-from trunk_msgs_util.mechanics import Body
-from trunk_msgs_util.parameters.declarations import build, values_of
-from trunk_sim.config import SimulatorConfig
+from trunk_core.mechanics import Body
+from trunk_core.parameters.declarations import build, values_of
+from trunk_sim.config import TrunkSimulator
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, disturbance_at
 from trunk_sim.plant import PlantState
+from trunk_sim.plants.trunk import prescribed
 
 
 def test_defaults_are_those_of_the_model():
-    config = SimulatorConfig()
-    assert config.body == Body(2.0, 0.5, 1.0, 9.81, 1.0, 1.0, False)
+    config = TrunkSimulator()
+    assert config.constants == Body(2.0, 0.5, 1.0, 9.81, 1.0, 1.0)
     assert config.initial_state == PlantState(0.0, pi / 6.0, 1.0, 0.0)
     assert (config.max_effort, config.delay_steps) == (inf, 0)
     assert config.sensor == (0.0, 0.0, 0.0, 0.0, None)
@@ -46,18 +47,19 @@ def test_every_parameter_reaches_the_plant():
         "initial.position": [1.0, 2.0],
         "initial.velocity": [3.0, 4.0],
     }
-    config = build(SimulatorConfig, values)
-    assert config.body == Body(
-        *(3.0, 4.0, 5.0, 6.0, 7.0, 8.0), prescribed=True, harmonics=(0.5, 0.25, 0.0, -1.0)
+    config = build(TrunkSimulator, values)
+    assert config.constants == Body(
+        *(3.0, 4.0, 5.0, 6.0, 7.0, 8.0), harmonics=(0.5, 0.25, 0.0, -1.0)
     )
+    assert config.accelerations is prescribed
     assert config.initial_state == PlantState(1.0, 2.0, 3.0, 4.0)
 
 
-@pytest.mark.parametrize("config", [SimulatorConfig, DisturbanceConfig])
+@pytest.mark.parametrize("config", [TrunkSimulator, DisturbanceConfig])
 def test_values_rebuild_their_configuration(config):
     assert build(config, values_of(config())) == config()
 
 
 @pytest.mark.parametrize("name", ["path.cosines", "path.sines"])
 def test_a_path_has_at_most_32_harmonics(name):
-    assert len(build(SimulatorConfig, {name: [0.1] * 32}).body.harmonics) == 64
+    assert len(build(TrunkSimulator, {name: [0.1] * 32}).constants.harmonics) == 64

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.units import nanoseconds, period_ns
+from trunk_core.units import nanoseconds, period_ns
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import (
     Disturbance,

@@ -5,8 +5,8 @@ from math import inf, nan
 
 import pytest
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.samples import JointSample
+from trunk_core import topics
+from trunk_core.samples import JointSample
 from trunk_sim.disturbances import Disturbance, disturbance_sample
 from trunk_sim.inputs import (
     NO_COMMAND,

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.compiled import twin
-from trunk_msgs_util.parameters.declarations import ParameterError, build
-from trunk_sim.config import SimulatorConfig
+from trunk_core.compiled import twin
+from trunk_core.parameters.declarations import ParameterError, build
+from trunk_sim.config import TrunkSimulator
 from trunk_sim.links import (
     DRAWS,
     InFlight,
@@ -209,14 +209,14 @@ def test_what_is_in_flight_is_what_was_sent(link, seed):
 
 def test_a_link_that_changes_nothing_is_none():
     assert perfect(Link(duplicates=0.5, burst_begin=0.5, burst_loss=0.0, latest=False))
-    assert build(SimulatorConfig, {"link.state.duplicates": 0.5, "link.seed": 7}).network is None
-    config = build(SimulatorConfig, {"link.command.loss": 0.1, "link.command.missing": "zero"})
+    assert build(TrunkSimulator, {"link.state.duplicates": 0.5, "link.seed": 7}).network is None
+    config = build(TrunkSimulator, {"link.command.loss": 0.1, "link.command.missing": "zero"})
     assert config.network == Network(Link(), Link(loss=0.1), True, 0.0, 1, PERIOD)
-    assert build(SimulatorConfig, {"sensor.dropout": 0.1}).network.dropout == 0.1
+    assert build(TrunkSimulator, {"sensor.dropout": 0.1}).network.dropout == 0.1
 
 
 def test_what_would_need_too_much_memory_is_refused():
     values = {"link.state.jitter": 10.0, "link.state.jitter_kind": "exponential"}
-    assert build(SimulatorConfig, {**values, "update_rate": 1000.0}).network is not None
+    assert build(TrunkSimulator, {**values, "update_rate": 1000.0}).network is not None
     with pytest.raises(ParameterError, match=r"link\.state\.jitter.*at most 1000000 steps late"):
-        build(SimulatorConfig, {**values, "update_rate": 1e6})
+        build(TrunkSimulator, {**values, "update_rate": 1e6})

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trunk_msgs_util.compiled import twin
+from trunk_core.compiled import twin
 from trunk_sim import noise
 from trunk_sim.noise import Noise, fill, noise_samples, random_bits, standard_normal
 

@@ -4,14 +4,14 @@ from math import inf, nan
 
 import pytest
 
-from trunk_msgs_util.samples import JointSample
+from trunk_core.samples import JointSample
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.inputs import RefusedError
-from trunk_sim.operator_input import (
+from trunk_sim.inputs import (
     NOTHING,
     Applied,
     Operator,
     OperatorLimits,
+    RefusedError,
     request_of,
     with_operator,
 )

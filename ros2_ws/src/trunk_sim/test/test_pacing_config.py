@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from trunk_sim.config import SimulatorConfig
+from trunk_sim.config import TrunkSimulator
 from trunk_sim.pacing import make_pacing, tick_period
 
 from .counting_loop import CountingLoop, H
@@ -14,7 +14,7 @@ EVERYBODY = ("effort_command", "disturbance", "recorder")
 
 def test_real_time_uses_a_command_up_to_its_timeout():
     loop = CountingLoop()
-    pacing = make_pacing(loop, SimulatorConfig(command_timeout=0.002))
+    pacing = make_pacing(loop, TrunkSimulator(command_timeout=0.002))
     pacing.begin(0)
     pacing.command(0, 3.0, 0)
     for k in range(1, 5):
@@ -24,7 +24,7 @@ def test_real_time_uses_a_command_up_to_its_timeout():
 
 def test_lockstep_waits_for_the_configured_topics_with_their_windows():
     loop = CountingLoop()
-    config = SimulatorConfig(
+    config = TrunkSimulator(
         update_rate=1000.0, lockstep=True, wait_for=EVERYBODY, lockstep_window=3
     )
     pacing = make_pacing(loop, config)
@@ -44,7 +44,7 @@ def test_lockstep_waits_for_the_configured_topics_with_their_windows():
 
 def test_lockstep_has_its_timeout_and_its_pace():
     loop = CountingLoop()
-    config = SimulatorConfig(
+    config = TrunkSimulator(
         lockstep=True, wait_for=("effort_command",), lockstep_timeout=2.0, lockstep_speed=4.0
     )
     pacing = make_pacing(loop, config)
@@ -72,5 +72,5 @@ def test_lockstep_has_its_timeout_and_its_pace():
 )
 def test_it_is_called_once_a_period_and_in_lockstep_at_least_every_50_ms(mode, period):
     waits = {"wait_for": ("effort_command",)} if mode else {}
-    config = SimulatorConfig(update_rate=50.0, **mode, **waits)
+    config = TrunkSimulator(update_rate=50.0, **mode, **waits)
     assert tick_period(config) == pytest.approx(period)

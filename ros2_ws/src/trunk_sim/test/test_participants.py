@@ -1,11 +1,12 @@
 """Who is awaited, who is ready, and which controllers may act at the same time."""
 
 from itertools import permutations
+from unittest.mock import Mock
 
 import pytest
 
-from trunk_msgs_util.topics import UNKNOWN_NODE
-from trunk_sim.config import SimulatorConfig
+from trunk_core.topics import UNKNOWN_NODE
+from trunk_sim.config import TrunkSimulator
 from trunk_sim.participants_node import Participants
 
 COMMAND = {"answers": "effort_command"}
@@ -13,17 +14,17 @@ COMMAND = {"answers": "effort_command"}
 
 def participants(config=None, counts=None, controllers=(), reporting=(), hearing=True):
     counts = {"effort_command": 1} if counts is None else counts
-    return Participants(
-        config or SimulatorConfig(),
-        lambda topic: counts.get(topic, 0),
-        lambda: list(controllers),
-        lambda topic: set(reporting),
-        lambda topic: hearing,
-    )
+    those = Participants(Mock(), config or TrunkSimulator(), {})
+    those._answering_count = lambda topic: counts.get(topic, 0)
+    those._command_givers = lambda: list(controllers)
+    those._reporting = lambda topic: set(reporting)
+    those._hearing = lambda topic: hearing
+    those._not_met = list
+    return those
 
 
 def test_a_node_is_ready_when_it_says_so():
-    those = participants(SimulatorConfig(wait_for=("effort_command", "recorder")))
+    those = participants(TrunkSimulator(wait_for=("effort_command", "recorder")))
     assert those.missing(0.0) == ["effort_command", "recorder"]
     those.hear("/pid", "ready", COMMAND)
     assert those.missing(0.0) == ["recorder"]
@@ -78,7 +79,7 @@ def test_a_standby_node_is_awaited_however_long_it_has_been_matched():
 
 
 def test_all_controllers_that_take_turns_are_awaited():
-    those = participants(SimulatorConfig(controllers=("pid", "fuzzy_pid")))
+    those = participants(TrunkSimulator(controllers=("pid", "fuzzy_pid")))
     those.hear("/robot/pid", "ready", COMMAND)
     assert those.missing(0.0) == ["fuzzy_pid"]
     those.hear("/robot/fuzzy_pid", "ready", COMMAND)
@@ -89,7 +90,7 @@ def test_all_controllers_that_take_turns_are_awaited():
 
 @pytest.mark.parametrize("anew", ["cleaned up", "configured"])  # in order, or started anew
 def test_a_node_that_reopens_its_topics_is_awaited_again(anew):
-    those = participants(SimulatorConfig(controllers=("pid",)), controllers=["/pid"])
+    those = participants(TrunkSimulator(controllers=("pid",)), controllers=["/pid"])
     for message in ("configured", "activated"):
         those.hear("/pid", message, {})
     those.hear("/pid", "ready", COMMAND)
@@ -114,7 +115,7 @@ def test_a_node_that_reopens_its_topics_is_awaited_again(anew):
     ],
 )
 def test_which_controllers_act_at_the_same_time(turns, publishing, acting):
-    those = participants(SimulatorConfig(controllers=turns), controllers=publishing)
+    those = participants(TrunkSimulator(controllers=turns), controllers=publishing)
     assert those.acting() == acting
 
 
@@ -143,13 +144,11 @@ def test_rivals_are_judged_by_one_look_at_the_graph():
     named = ["/fuzzy_pid", "/pid"]
     looks = [named, ["/fuzzy_pid", f"/{UNKNOWN_NODE}"], ["/fuzzy_pid"]]
     for order in permutations(looks):
-        those = Participants(
-            SimulatorConfig(), lambda _: 1, iter(order).__next__, lambda _: set(), lambda _: True
-        )
+        those = participants()
+        those._command_givers = iter(order).__next__
         assert [those.rivals() for _ in order] == [look if look is named else [] for look in order]
-        those = Participants(
-            SimulatorConfig(), lambda _: 1, iter(order).__next__, lambda _: set(), lambda _: True
-        )
+        those = participants()
+        those._command_givers = iter(order).__next__
         assert [those.unsettled(5.0) for _ in order] == [len(look) > 1 for look in order]
 
 

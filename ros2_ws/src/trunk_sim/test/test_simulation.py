@@ -5,9 +5,10 @@ from math import inf, nan
 
 import pytest
 
-from trunk_sim.config import SimulatorConfig
+from trunk_sim.config import TrunkSimulator
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState, advance
+from trunk_sim.plants.trunk import passive
 from trunk_sim.simulation import DelayLine, DivergedError, Simulation
 from trunk_sim.step import SensorParameters, saturate, sense
 
@@ -20,7 +21,7 @@ QUIET = Disturbance()
     [(200.0, 5_000_000), (1000.0, 1_000_000), (60.0, 16_666_667), (700.0, 1_428_571)],
 )
 def test_stamp_is_the_step_times_the_period_exactly(rate, period_ns):
-    simulation = Simulation(SimulatorConfig(update_rate=rate))
+    simulation = Simulation(TrunkSimulator(update_rate=rate))
     stamps = []
     for _ in range(500):
         stamps.append((simulation.truth().stamp_ns, simulation.measure(QUIET).stamp_ns))
@@ -29,10 +30,10 @@ def test_stamp_is_the_step_times_the_period_exactly(rate, period_ns):
 
 
 def test_step_integrates_over_the_period_with_every_input():
-    config = SimulatorConfig(update_rate=60.0, substeps=4)
+    config = TrunkSimulator(update_rate=60.0, substeps=4)
     simulation = Simulation(config)
     simulation.step(2.0, Disturbance(hip_force=3.0, trunk_torque=-0.5, trunk_offset=1.0))
-    expected = advance(config.initial_state, 3.0, 1.5, 16_666_667e-9, 4, config.body)
+    expected = advance(config.initial_state, 3.0, 1.5, 16_666_667e-9, 4, config.constants, passive)
     assert simulation.state == pytest.approx(expected, rel=1e-15)
 
 
@@ -45,24 +46,24 @@ def test_saturate(effort, limit, applied):
 
 
 def test_saturated_effort_drives_the_plant_and_is_reported():
-    limited = Simulation(SimulatorConfig(max_effort=3.0))
+    limited = Simulation(TrunkSimulator(max_effort=3.0))
     limited.step(50.0, QUIET)
-    exact = Simulation(SimulatorConfig())
+    exact = Simulation(TrunkSimulator())
     exact.step(3.0, QUIET)
     assert limited.state == exact.state
     assert limited.truth().effort == limited.measure(QUIET).effort == (0.0, 3.0)
 
 
 def test_disturbance_torque_is_not_limited_by_the_actuator():
-    limited = Simulation(SimulatorConfig(max_effort=3.0))
+    limited = Simulation(TrunkSimulator(max_effort=3.0))
     limited.step(3.0, Disturbance(trunk_torque=10.0))
-    exact = Simulation(SimulatorConfig())
+    exact = Simulation(TrunkSimulator())
     exact.step(13.0, QUIET)
     assert limited.state == exact.state
 
 
 def test_the_offset_acts_on_the_measurement_only():
-    simulation, other = Simulation(SimulatorConfig()), Simulation(SimulatorConfig())
+    simulation, other = Simulation(TrunkSimulator()), Simulation(TrunkSimulator())
     pulse = Disturbance(trunk_offset=1.5, hip_offset=0.25)
     measured = simulation.measure(pulse)
     truth = simulation.truth()
@@ -75,7 +76,7 @@ def test_the_offset_acts_on_the_measurement_only():
 
 @pytest.mark.parametrize(("delay", "steps"), [(0.0124, 2), (0.0126, 3), (0.002, 0)])
 def test_sensor_delay_is_rounded_to_whole_periods(delay, steps):
-    simulation = Simulation(SimulatorConfig(delay=delay))  # periods of 5 ms
+    simulation = Simulation(TrunkSimulator(delay=delay))  # periods of 5 ms
     true, seen = [], []
     for _ in range(10):
         true.append(simulation.truth().position)
@@ -86,7 +87,7 @@ def test_sensor_delay_is_rounded_to_whole_periods(delay, steps):
 
 def test_runs_with_the_same_seed_are_the_same():
     def measurements(seed):
-        config = SimulatorConfig(seed=seed, position_noise=0.01, velocity_noise=0.1)
+        config = TrunkSimulator(seed=seed, position_noise=0.01, velocity_noise=0.1)
         simulation = Simulation(config)
         for _ in range(50):
             yield simulation.measure(QUIET)
@@ -98,7 +99,7 @@ def test_runs_with_the_same_seed_are_the_same():
 
 @pytest.mark.parametrize("effort", [1e308, -inf, nan], ids=str)
 def test_divergence_is_an_error_that_keeps_the_state(effort):
-    simulation = Simulation(SimulatorConfig(update_rate=200.0))
+    simulation = Simulation(TrunkSimulator(update_rate=200.0))
     simulation.step(0.0, QUIET)
     before = simulation.truth()
     with pytest.raises(DivergedError, match=r"diverged in the step after t = 0\.005 s"):
@@ -108,13 +109,13 @@ def test_divergence_is_an_error_that_keeps_the_state(effort):
 
 def test_masses_that_underflow_in_a_product_diverge():
     tiny = 5e-324
-    simulation = Simulation(SimulatorConfig(hip_mass=tiny, trunk_mass=tiny, length=0.1))
+    simulation = Simulation(TrunkSimulator(hip_mass=tiny, trunk_mass=tiny, length=0.1))
     with pytest.raises(DivergedError, match="the loop is unstable"):
         simulation.step(1.0, QUIET)
 
 
 def test_reset_restores_the_state_and_keeps_the_time():
-    config = SimulatorConfig(delay=0.02)
+    config = TrunkSimulator(delay=0.02)
     simulation = Simulation(config)
     for _ in range(20):
         simulation.measure(QUIET)
@@ -127,7 +128,7 @@ def test_reset_restores_the_state_and_keeps_the_time():
 
 
 def test_retune_changes_the_plant_and_keeps_the_state():
-    config = SimulatorConfig()
+    config = TrunkSimulator()
     simulation, expected = Simulation(config), Simulation(config)
     for _ in range(10):
         simulation.step(0.0, QUIET)
@@ -138,12 +139,12 @@ def test_retune_changes_the_plant_and_keeps_the_state():
     assert simulation.measure(QUIET).position[1] == simulation.state.theta + 0.5
     state = simulation.state
     simulation.step(2.0, QUIET)
-    assert simulation.state == advance(state, 0.0, 1.0, 0.005, 1, heavy.body)
+    assert simulation.state == advance(state, 0.0, 1.0, 0.005, 1, heavy.constants, passive)
 
 
 def test_angles_beyond_the_largest_are_named():
     start = {"initial_position": (0.0, 1.646e6), "initial_velocity": (0.0, 2e5)}
-    simulation = Simulation(SimulatorConfig(hip_mode="prescribed", **start))
+    simulation = Simulation(TrunkSimulator(hip_mode="prescribed", **start))
     simulation.step(0.0, QUIET)
     with pytest.raises(DivergedError, match="the largest angle whose sine is computed"):
         simulation.step(0.0, QUIET)

@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from math import inf, pi
-from typing import Any
+from typing import Any, ClassVar
 
-from trunk_msgs_util.elementary import LARGEST_ANGLE
-from trunk_msgs_util.mechanics import Body
-from trunk_msgs_util.parameters.body import body_of, body_parameter
-from trunk_msgs_util.parameters.config import (
-    ManagedConfig,
-    lockstep_parameter,
-    rate_parameter,
-)
-from trunk_msgs_util.parameters.declarations import ParameterError, parameter
-from trunk_msgs_util.units import nanoseconds, period_ns, seconds
+from trunk_core.elementary import LARGEST_ANGLE
+from trunk_core.parameters.declarations import ParameterError, parameter
+from trunk_core.parameters.shared import lockstep_parameter
+from trunk_core.units import nanoseconds, seconds
 
-from .actuator import Actuator, approach_of
+from .inputs import OperatorLimits
 from .links import MOST_LATE, Link, Network, most_late, perfect
-from .operator_input import OperatorLimits
-from .plant import PlantState
-from .step import Plant, Scale, SensorParameters
+from .plant import Plant, PlantConfig, PlantState, config_for
+from .plants.trunk import PLANT, TrunkConfig
+from .step import (
+    Actuator,
+    Dynamics,
+    PlantConstants,
+    Scale,
+    SensorParameters,
+    approach_of,
+    on_first,
+    on_second,
+)
 
-_JOINTS = ("hip", "trunk")
-EQUATIONS = ("derived", "as_printed")
 _TORQUE: dict[str, Any] = {"unit": "N m", "minimum": 0.0, "maximum": 1e6}
 _ANGLE: dict[str, Any] = {"unit": "rad", "minimum": 0.0, "maximum": 1e3}
 _RATE: dict[str, Any] = {"unit": "rad/s", "minimum": 0.0, "maximum": 1e3}
@@ -59,14 +61,6 @@ _LINK: dict[str, tuple[Any, str, dict[str, Any]]] = {
 }
 
 
-def joints_parameter() -> tuple[str, ...]:
-    """Return the declaration of the joints' names, which the plant's nodes share."""
-    joints: tuple[str, ...] = parameter(
-        "joints", _JOINTS, "Names of the hip's and the trunk's joint", length=2, fixed=True
-    )
-    return joints
-
-
 def _link_parameter(link: str, name: str) -> Any:
     """Return the declaration of a link's parameter: of "state", to the controller, or "command"."""
     default, description, limits = _LINK[name]
@@ -75,38 +69,9 @@ def _link_parameter(link: str, name: str) -> Any:
 
 
 @dataclass(frozen=True)
-class SimulatorConfig(ManagedConfig):
-    """Parameters of the ``simulator`` node."""
+class SimulatorConfig(PlantConfig):
+    """Parameters of the ``simulator`` node that all plants have: a plant's own come before them."""
 
-    update_rate: float = rate_parameter()
-    substeps: int = parameter(
-        "substeps", 1, "RK4 steps per period", minimum=1, maximum=10_000, fixed=True
-    )
-    duration: float = parameter(
-        "duration",
-        0.0,
-        "Simulated time after which the run is finished and the node ends; 0: never",
-        unit="s",
-        minimum=0.0,
-        maximum=1e6,
-        fixed=True,
-    )
-    joints: tuple[str, ...] = joints_parameter()
-    hip_mass: float = body_parameter("plant.hip_mass", "hip_mass")
-    trunk_mass: float = body_parameter("plant.trunk_mass", "trunk_mass")
-    length: float = body_parameter("plant.length", "length")
-    gravity: float = body_parameter("plant.gravity", "gravity")
-    equations: str = parameter(
-        "plant.equations",
-        "derived",
-        "derived from the paper's Lagrangian, or as_printed: its misprinted eq. 12, wrong physics",
-        choices=EQUATIONS,
-    )
-    amplitude: float = body_parameter("path.amplitude", "amplitude")
-    wavenumber: float = body_parameter("path.wavenumber", "wavenumber")
-    cosines: tuple[float, ...] = body_parameter("path.cosines", "cosines")
-    sines: tuple[float, ...] = body_parameter("path.sines", "sines")
-    hip_mode: str = body_parameter("hip.mode", "hip_mode")
     initial_position: tuple[float, ...] = parameter(
         "initial.position",
         (0.0, pi / 6.0),
@@ -168,7 +133,7 @@ class SimulatorConfig(ManagedConfig):
     viscous_friction: float = parameter(
         "actuator.viscous_friction",
         0.0,
-        "Viscous friction in the joint, proportional to the trunk's rate",
+        "Viscous friction in the joint, proportional to its rate",
         unit="N m s/rad",
         minimum=0.0,
         maximum=1e6,
@@ -344,28 +309,19 @@ class SimulatorConfig(ManagedConfig):
     )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.lockstep and "effort_command" not in self.wait_for:
             needed = "effort_command among them, as lockstep.enabled is true"
             raise ParameterError("wait_for", self.wait_for, needed)
         if self.joints[0] == self.joints[1]:
-            raise ParameterError("joints", self.joints, "two names, the hip's and the trunk's")
-        x, theta = self.initial_position
-        if max(abs(x * self.wavenumber), abs(theta)) > LARGEST_ANGLE:
+            needed = self.kind.words("two names, the hip's and the trunk's")
+            raise ParameterError("joints", self.joints, needed)
+        if self.kind.largest_angle(self.initial_state, self.constants) > LARGEST_ANGLE:
             raise ParameterError(
                 "initial.position",
                 self.initial_position,
-                f"at most {LARGEST_ANGLE:g} rad, for the trunk's angle and for path.wavenumber times x",
+                f"at most {LARGEST_ANGLE:g} rad, for every angle, the phase on a path among them",
             )
-        path = self.amplitude, self.wavenumber, self.body.harmonics
-        printed = (path, self.hip_mode) == ((1.0, 1.0, None), "passive")
-        if self.equations == "as_printed" and not printed:
-            raise ParameterError(
-                "plant.equations",
-                self.equations,
-                "derived, where path.amplitude or path.wavenumber is not 1, path.cosines or path.sines "
-                "not empty or hip.mode not passive: the paper prints no other case",
-            )
-
         for link in ("state", "command"):
             whole = _link_of(self, link)
             for field, part in (("delay", whole._replace(jitter=0.0)), ("jitter", whole)):
@@ -379,20 +335,24 @@ class SimulatorConfig(ManagedConfig):
                     )
 
     @property
-    def period_ns(self) -> int:
-        """The control period h in ns."""
-        return period_ns(self.update_rate)
+    def dynamics(self) -> Dynamics:
+        """The functions that move the plant."""
+        return Dynamics((on_first, on_second)[self.kind.drive], self.accelerations)
 
     @property
-    def body(self) -> Body:
-        """The constants of hip, trunk and path."""
-        return body_of(self, self.equations == "as_printed")
+    def input_gain(self) -> float:
+        """``d theta'' / d u`` at rest on level ground, rad/s^2 per N or N m of the command u."""
+        kind, constants = self.kind, self.kind.level(self.constants)
+        moves = kind.held if self.accelerations is kind.held else kind.accelerations
+        forces = (1.0, 0.0) if kind.drive == 0 else (0.0, 1.0)
+        pushed, free = (moves(kind.rest, *given, constants)[1] for given in (forces, (0.0, 0.0)))
+        return pushed - free
 
     @property
-    def plant(self) -> Plant:
+    def plant(self) -> PlantConstants:
         """What `act` takes besides the trunk, the effort and the disturbance."""
-        return Plant(
-            self.body,
+        return PlantConstants(
+            self.constants,
             seconds(self.period_ns),
             self.substeps,
             self.max_effort,
@@ -459,6 +419,16 @@ class SimulatorConfig(ManagedConfig):
             return None
         zero = self.missing_command == "zero"
         return Network(state, command, zero, self.dropout, self.link_seed, self.period_ns)
+
+
+@dataclass(frozen=True)
+class TrunkSimulator(SimulatorConfig, TrunkConfig):
+    """Parameters of the ``simulator`` node with the trunk."""
+
+    kind: ClassVar[Plant] = PLANT
+
+
+simulator_class = partial(config_for, TrunkSimulator, SimulatorConfig)
 
 
 def _link_of(config: SimulatorConfig, link: str) -> Link:

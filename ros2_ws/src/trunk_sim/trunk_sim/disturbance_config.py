@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from math import pi
 from typing import Any, ClassVar
 
-from trunk_msgs_util.parameters.config import ManagedConfig, rate_parameter
-from trunk_msgs_util.parameters.declarations import (
+from trunk_core.parameters.declarations import (
     MOST_ROWS,
     ParameterError,
     TableFile,
@@ -16,13 +16,14 @@ from trunk_msgs_util.parameters.declarations import (
     parameter,
     times_parameter,
 )
-from trunk_msgs_util.units import nanoseconds, period_ns
+from trunk_core.parameters.shared import PeriodicConfig
+from trunk_core.units import nanoseconds
 
-from .config import joints_parameter
 from .disturbances import CHANNELS, Signals, noise_components, random_starts
+from .plant import Plant, config_for, joints_parameter
+from .plants.trunk import PLANT
 
 INTERPOLATIONS = ("linear", "hold")
-_UNITS = tuple(zip(CHANNELS, ("N", "N m", "m", "rad"), strict=True))
 
 
 def _magnitude(
@@ -35,7 +36,7 @@ def _magnitude(
         description,
         unit="N, N m, m or rad",
         unit_by=f"{signal}.channel",
-        units=_UNITS,
+        units=tuple(PLANT.channel_units.items()),
         minimum=minimum,
         maximum=1e9,
         **more,
@@ -43,12 +44,12 @@ def _magnitude(
 
 
 @dataclass(frozen=True)
-class DisturbanceConfig(ManagedConfig):
+class DisturbanceConfig(PeriodicConfig):
     """Parameters of the ``disturbance`` node. Each signal acts on its own channel."""
 
     table_files: ClassVar[tuple[TableFile, ...]] = (TableFile("table", "value"),)
+    kind: ClassVar[Plant] = PLANT
 
-    update_rate: float = rate_parameter()
     joints: tuple[str, ...] = joints_parameter()
     pulse_channel: str = parameter(
         "pulse.channel",
@@ -153,11 +154,6 @@ class DisturbanceConfig(ManagedConfig):
             )
 
     @property
-    def period_ns(self) -> int:
-        """The plant's period h in ns."""
-        return period_ns(self.update_rate)
-
-    @property
     def active(self) -> bool:
         """False if every signal is zero: the node need not run."""
         pulses = self.pulse_start_times or self.pulse_random_count
@@ -180,21 +176,25 @@ class DisturbanceConfig(ManagedConfig):
             self.pulse_random_until,
             self.pulse_random_seed,
         )
+        channels = self.kind.channels
         return Signals(
-            CHANNELS.index(self.pulse_channel),
+            channels.index(self.pulse_channel),
             tuple(nanoseconds(t) for t in (*self.pulse_start_times, *random)),
             nanoseconds(self.pulse_duration),
             self.pulse_magnitude,
-            CHANNELS.index(self.sine_channel),
+            channels.index(self.sine_channel),
             self.sine_amplitude,
             self.sine_frequency,
             self.sine_phase,
-            CHANNELS.index(self.noise_channel),
+            channels.index(self.noise_channel),
             amplitude,
             frequencies,
             phases,
-            CHANNELS.index(self.table_channel),
+            channels.index(self.table_channel),
             self.table_interpolation == "linear",
             tuple(nanoseconds(t) for t in self.table_times),
             self.table_values,
         )
+
+
+disturbance_class = partial(config_for, DisturbanceConfig, DisturbanceConfig)

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trunk_msgs_util.elementary import sine_wave
-from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.units import held, interpolated
+from trunk_core.elementary import sine_wave
+from trunk_core.samples import JointSample
+from trunk_core.units import held, interpolated
 
 CHANNELS = ("hip_effort", "trunk_effort", "hip_position", "trunk_position")
 

@@ -12,15 +12,15 @@ compiles unchanged.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from math import floor
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from trunk_msgs_util.compiled import twin
-from trunk_msgs_util.elementary import log
-from trunk_msgs_util.recording.joint_table import Integers
+from trunk_core.arrays import Integers
+from trunk_core.compiled import twin
+from trunk_core.elementary import log
 
 DRAWS = 6  # random integers of 53 bits in each step: burst, loss, delay; copy, its loss, its delay
 MOST_LATE = 1_000_000  # steps; so many messages are kept
@@ -161,22 +161,9 @@ class Network(NamedTuple):
     period_ns: int
 
 
-# Of the counts below, as events carry them.
+# What becomes of a link's messages, as events count it. Late: not in use in the step in which they were sent;
+# overtaken: a newer one arrived before or with them.
 _WORDS = ("sent", "lost", "late", "doubled", "overtaken")
-
-
-class Counts(NamedTuple):
-    """What became of a link's messages in a run."""
-
-    sent: int
-    lost: int
-    late: int  # arrived, but not in the step in which they were sent
-    doubled: int
-    reordered: int  # a newer one arrived before or with them
-
-    def describe(self) -> str:
-        """Return the counts as an event carries them."""
-        return ", ".join(f"{count} {word}" for word, count in zip(_WORDS, self, strict=True))
 
 
 class Traffic:
@@ -186,10 +173,10 @@ class Traffic:
         """``stepwise``: it is only asked for one step after the other, and forgets past steps."""
         self.network = network
         self._state, self._command = (
-            _LinkTraffic(link, network, stream, stepwise)
+            _Drawn(_messages(link, network, stream), _fates, stepwise)
             for link, stream in ((network.state, _STATE), (network.command, _COMMAND))
         )
-        self._failures = _Failures(network, stepwise)
+        self._failures = _Drawn(_failures(network), np.count_nonzero, stepwise)
 
     def dropped(self, k: int) -> bool:
         """Return True if the reading of step k fails, and the one before it holds. The first never fails."""
@@ -220,11 +207,11 @@ class Traffic:
 
     def counts(self, steps: int) -> dict[str, str]:
         """Return the fate of the messages of the first ``steps`` steps, in words, by parameter group."""
-        return {
-            "link.state": self._state.counts(steps).describe(),
-            "link.command": self._command.counts(steps).describe(),
-            "sensor.dropout": str(int(self._failures.sums(steps)[0])),
+        counts = {
+            f"link.{name}": ", ".join(map("{} {}".format, (steps, *link.sums(steps)), _WORDS))
+            for name, link in (("state", self._state), ("command", self._command))
         }
+        return {**counts, "sensor.dropout": str(self._failures.sums(steps))}
 
 
 class InFlight(Generic[Value]):
@@ -234,36 +221,31 @@ class InFlight(Generic[Value]):
         self._longest = most_late(link, period_ns)
         self._sent: dict[int, Value] = {}
         self._used = -1
+        self._value: Value  # of step `_used`
 
     def send(self, k: int, value: Value, used: int) -> Value:
         """Send the value of step k, and return that of step ``used``. Raises KeyError if it was not sent."""
         self._sent[k] = value
         if used != self._used:
-            if self._used < k - self._longest:
-                self._sent.pop(self._used, None)
-            self._used = used
-        old = k - self._longest - 1
-        if old != used:
-            self._sent.pop(old, None)
-        return self._sent[used]
+            self._used, self._value = used, self._sent[used]
+        self._sent.pop(k - self._longest, None)
+        return self._value
 
 
-class _Drawn(ABC):
+class _Drawn:
     """A row of numbers for each step, drawn in blocks; of forgotten rows, the sums remain."""
 
-    def __init__(self, stepwise: bool, sums: int) -> None:
-        self._stepwise = stepwise
+    def __init__(
+        self,
+        more: Callable[[int, int], Integers],
+        sums_of: Callable[[Integers], Any],
+        stepwise: bool,
+    ) -> None:
+        """``more``: returns rows, from a first step on so many; ``sums_of``: what rows add to the sums."""
+        self._more, self._sums_of, self._stepwise = more, sums_of, stepwise
         self._first = 0  # step of the first row that is kept
-        self._rows: Integers = self._more(0, 0)
-        self._past: Integers = np.zeros(sums, np.int64)
-
-    @abstractmethod
-    def _more(self, first: int, steps: int) -> Integers:
-        """Return the rows of ``steps`` more steps, from ``first`` on."""
-
-    @abstractmethod
-    def _sums_of(self, rows: Integers) -> Integers:
-        """Return the sums that these rows add."""
+        self._rows = more(0, 0)
+        self._past = sums_of(self._rows)
 
     def at(self, k: int) -> Integers:
         """Return the row of a step."""
@@ -276,7 +258,7 @@ class _Drawn(ABC):
         self._reach(steps)
         return self._rows[:steps]
 
-    def sums(self, steps: int) -> Integers:
+    def sums(self, steps: int) -> Any:
         """Return the sums over the first ``steps`` steps."""
         self._reach(steps)
         return self._past + self._sums_of(self._rows[: steps - self._first])
@@ -293,54 +275,43 @@ class _Drawn(ABC):
             self._rows = np.concatenate([self._rows, self._more(end, more)])
 
 
-class _Failures(_Drawn):
-    """1 where a reading fails."""
+def _failures(network: Network) -> Callable[[int, int], Integers]:
+    """Return a function of a first step and how many: 1 where a reading fails."""
 
-    def __init__(self, network: Network, stepwise: bool) -> None:
-        self._network = network
-        super().__init__(stepwise, 1)
-
-    def _more(self, first: int, steps: int) -> Integers:
-        drawn = _draw(self._network.seed, _DROPOUT, first, steps, 1)[:, 0] * 2.0**-53
-        failed = (drawn < self._network.dropout).astype(np.int64)
+    def more(first: int, steps: int) -> Integers:
+        drawn = _draw(network.seed, _DROPOUT, first, steps, 1)[:, 0] * 2.0**-53
+        failed = (drawn < network.dropout).astype(np.int64)
         failed[: max(1 - first, 0)] = 0
         return failed
 
-    def _sums_of(self, rows: Integers) -> Integers:
-        return np.array([np.count_nonzero(rows)])
+    return more
 
 
 # Columns of a link's rows: the message in use, and what `simulate_link` puts in ``outcome``.
 _USED, _FATE, _REORDERED, _TAKEN = range(4)
 
 
-class _LinkTraffic(_Drawn):
-    """One link."""
+def _messages(link: Link, network: Network, stream: int) -> Callable[[int, int], Integers]:
+    """Return a function that carries a link on: from a first step, for so many."""
+    memory = np.array([0, -1])
+    due = np.full((most_late(link, network.period_ns) + 1, 2), [-1, 0])
 
-    def __init__(self, link: Link, network: Network, stream: int, stepwise: bool) -> None:
-        self._link, self._period_ns = link, network.period_ns
-        self._seed, self._stream = network.seed, stream
-        self._memory = np.array([0, -1])
-        self._due = np.zeros((most_late(link, network.period_ns) + 1, 2), np.int64)
-        self._due[:, 0] = -1
-        super().__init__(stepwise, 4)
-
-    def _more(self, first: int, steps: int) -> Integers:
-        bits = _draw(self._seed, self._stream, first, steps, DRAWS)
+    def more(first: int, steps: int) -> Integers:
+        bits = _draw(network.seed, stream, first, steps, DRAWS)
         rows = np.empty((steps, 4), np.int64)
         used, outcome = rows[:, _USED], rows[:, _FATE:]
         simulate = simulate_link if steps < _WORTH_COMPILING else twin(simulate_link)
-        simulate(first, bits, self._link, self._period_ns, self._memory, self._due, used, outcome)
+        simulate(first, bits, link, network.period_ns, memory, due, used, outcome)
         return rows
 
-    def _sums_of(self, rows: Integers) -> Integers:
-        fates = rows[:, _FATE]
-        counts = [np.count_nonzero(fates & bit) for bit in (LOST, LATE, DOUBLED)]
-        return np.array([*counts, sum(rows[:, _REORDERED].tolist())])
+    return more
 
-    def counts(self, steps: int) -> Counts:
-        """Return the fate of the messages of the first ``steps`` steps."""
-        return Counts(steps, *self.sums(steps).tolist())
+
+def _fates(rows: Integers) -> Integers:
+    """Return how many messages of a link were lost, late, doubled and reordered."""
+    fates = rows[:, _FATE]
+    counts = [np.count_nonzero(fates & bit) for bit in (LOST, LATE, DOUBLED)]
+    return np.array([*counts, sum(rows[:, _REORDERED].tolist())])
 
 
 def _draw(seed: int, stream: int, first: int, steps: int, each: int) -> Integers:

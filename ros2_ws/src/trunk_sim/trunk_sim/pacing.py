@@ -10,10 +10,10 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Protocol
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.deadline import patience
+from trunk_core import topics
+from trunk_core.deadline import patience
+from trunk_core.units import nanoseconds, seconds
 from trunk_msgs_util.source import ARRIVAL, CLOCK_STAMP, NO_STAMP, ODD_STAMP
-from trunk_msgs_util.units import nanoseconds, seconds
 
 from .config import SimulatorConfig
 from .inputs import NO_COMMAND, Command

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_core import topics
+from trunk_core.text import printable
+from trunk_core.topics import Event
 from trunk_msgs_util.node import discovery, qos
-from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.base import TrunkNode
+from trunk_msgs_util.node.endpoints import AdaptiveSubscription
 from trunk_msgs_util.node.strangers import Sender, Senders, misfits
 from trunk_msgs_util.source import process_of
-from trunk_msgs_util.text import printable
 
 from .config import SimulatorConfig
 
@@ -40,29 +40,18 @@ _HEARD_S, _UNHEARD_S = 0.5, 5.0
 
 
 class Participants:
-    """What the simulator knows about the other nodes, from the graph and from their events.
-
-    Pure: the functions passed in query the graph, and the time is an argument.
-    """
+    """What the simulator knows about the other nodes, from the graph and from ``run/events``."""
 
     def __init__(
         self,
+        node: TrunkNode[Any],
         config: SimulatorConfig,
-        matched: Callable[[str], int],
-        controllers: Callable[[], Sequence[str]],
-        reporting: Callable[[str], Set[str]],
-        hearing: Callable[[str], bool],
+        answers: Mapping[str, AdaptiveSubscription],
     ) -> None:
-        """Take ``matched``, the number of a topic's publishers, and ``controllers``, those of commands.
-
-        ``reporting``: those of a topic's publishers that send events, too; ``hearing``: whether one of them
-        is known to subscribe to what it answers.
-        """
+        """Take the node's subscriptions to the answers, by relative topic."""
+        self._node = node
         self._config = config
-        self._matched = matched
-        self._controllers = controllers
-        self._reporting = reporting
-        self._hearing = hearing
+        self._answers = answers
         self._heard: set[str] = set()  # nodes of which an event has arrived
         self._ready: dict[str, set[str]] = {}  # topic -> nodes that answer on it
         self._configured: set[str] = set()  # nodes that report about themselves
@@ -70,7 +59,18 @@ class Participants:
         self._unready: set[str] = set()  # were ready once but have reopened their topics since
         self._matched_since: dict[str, float] = {}
         self._met: set[str] = set()  # topics whose publishers were matched
+        self._unnamed_since: float | None = None
+        self._strangers: dict[str, Sender] = {}  # who publish commands, by GUID
+        self._misfits: set[str] = set()
+        self._senders_seen = -1
         self._strange_since: float | None = None
+        self._heard_since = -math.inf
+        self._senders = Senders(
+            node, node.resolve_topic_name(topics.EFFORT_COMMAND), topics.JOINT_STATE_TYPE
+        )
+        node.create_subscription(
+            DiagnosticArray, topics.RUN_EVENTS, self._on_event, qos.run_information()
+        )
 
     def hear(self, node: str, message: str, values: Mapping[str, str]) -> None:
         """Process a node's event on ``run/events``."""
@@ -88,10 +88,13 @@ class Participants:
                 self._unready.add(node)
 
     def missing(self, now: float) -> list[str]:
-        """Return the topics, and the controllers, without which the run cannot begin; ``now`` in s."""
+        """Return the topics, and the controllers, without which the run cannot begin; ``now`` in s.
+
+        Those that are there but not matched both ways count once nothing else is missing.
+        """
         missing = []
         for name in self._config.wait_for:
-            if self._matched(name):
+            if self._answering_count(name):
                 waited = now - self._matched_since.setdefault(name, now)
             else:
                 self._matched_since.pop(name, None)
@@ -99,7 +102,8 @@ class Participants:
             if not self._may_answer(name, waited):
                 missing.append(name)
         ready = {name.rsplit("/", 1)[-1] for name in self._ready_on(topics.EFFORT_COMMAND)}
-        return missing + [name for name in self._config.controllers if name not in ready]
+        missing += [name for name in self._config.controllers if name not in ready]
+        return missing or self._not_met()
 
     def _may_answer(self, topic: str, waited: float) -> bool:
         """Return True if a node is ready on a topic that has been matched for ``waited`` s."""
@@ -111,7 +115,7 @@ class Participants:
         if self._reporting(topic) - self._heard:
             return False  # its events are under way, on a busy machine for longer
         if topic == topics.EFFORT_COMMAND:
-            ready = set(self._controllers())
+            ready = set(self._command_givers())
         needed = _MATCHED_S if self._hearing(topic) else _DEAF_S
         return waited >= needed and not (ready and ready <= self._inactive)
 
@@ -133,28 +137,28 @@ class Participants:
         return self._ready.get(topic, set()) - self._unready
 
     def unsettled(self, now: float) -> bool:
-        """Return True, for a bounded time, while the node of a publisher of commands is unknown."""
-        names = self._controllers()
+        """Return True while more is to be known of who gives commands, for a bounded time; ``now`` in s."""
+        names = self._command_givers()
         if not _unnamed(names) and len(self._acting(names)) <= 1:
-            self._strange_since = None
-            return False
-        if self._strange_since is None:
-            self._strange_since = now
-        return now - self._strange_since < _STRANGER_S
+            self._unnamed_since = None
+            return self._unrecorded(now)
+        if self._unnamed_since is None:
+            self._unnamed_since = now
+        return now - self._unnamed_since < _STRANGER_S or self._unrecorded(now)
 
     def rivals(self) -> list[str]:
         """Return the nodes that act although only one may; none while one of them has no name yet."""
-        names = self._controllers()
+        names = self._command_givers()
         acting = self._acting(names)
         return [] if _unnamed(names) or len(acting) <= 1 else acting
 
     def strangers(self) -> list[str]:
         """Return the publishers of commands that report nothing about themselves."""
-        return [name for name in self._controllers() if name not in self._configured]
+        return [name for name in self._command_givers() if name not in self._configured]
 
     def acting(self) -> list[str]:
         """Return the active publishers of commands; those that take turns count as one."""
-        return self._acting(self._controllers())
+        return self._acting(self._command_givers())
 
     def _acting(self, names: Sequence[str]) -> list[str]:
         """Like `acting`, for names read once: discovery goes on, and a second read may differ."""
@@ -179,43 +183,6 @@ class Participants:
         names = " or ".join(sorted(answering or ready) or strangers) or "anyone"
         return f"{names} ({topic}{'; inactive' if ready and not answering else ''})"
 
-
-def _unnamed(names: Sequence[str]) -> bool:
-    """Return True if a publisher of commands is discovered but its node is not."""
-    return any(name.endswith(topics.UNKNOWN_NODE) for name in names)
-
-
-class GraphParticipants(Participants):
-    """Asks the graph on behalf of a node, and listens to ``run/events``."""
-
-    def __init__(
-        self,
-        node: TrunkNode[Any],
-        config: SimulatorConfig,
-        answers: Mapping[str, AdaptiveSubscription],
-    ) -> None:
-        """Take the node's subscriptions to the answers, by relative topic."""
-        super().__init__(
-            config, self._answering_count, self._command_givers, self._reporting, self._hearing
-        )
-        self._node = node
-        self._answers = answers
-        self._strangers: dict[str, Sender] = {}  # who publish commands, by GUID
-        self._misfits: set[str] = set()
-        self._senders_seen = -1
-        self._strange_since_s: float | None = None  # monotonic clock
-        self._heard_since_s = -math.inf
-        self._senders = Senders(
-            node, node.resolve_topic_name(topics.EFFORT_COMMAND), topics.JOINT_STATE_TYPE
-        )
-        node.create_subscription(
-            DiagnosticArray, topics.RUN_EVENTS, self._on_event, qos.run_information()
-        )
-
-    def missing(self, now: float) -> list[str]:
-        """Return the topics that the run waits for: no participant yet, or not matched both ways."""
-        return super().missing(now) or self._not_met()
-
     def _not_met(self) -> list[str]:
         """Return the topics with a ready node that is not matched both ways: it would miss state 0.
 
@@ -232,10 +199,6 @@ class GraphParticipants(Participants):
             )
         ]
 
-    def unsettled(self, now: float) -> bool:
-        """Return True while more is to be known of who gives commands, for a bounded time; ``now`` in s."""
-        return super().unsettled(now) or self._unrecorded(now)
-
     def _unrecorded(self, now: float) -> bool:
         """Return True while the recorder is not known to hear a stranger's commands.
 
@@ -243,11 +206,11 @@ class GraphParticipants(Participants):
         """
         if "recorder" not in self._config.wait_for or not self.strange_senders():
             return False
-        self._strange_since_s = now if self._strange_since_s is None else self._strange_since_s
+        self._strange_since = now if self._strange_since is None else self._strange_since
         recorders = set(discovery.names(self._answering("recorder")))
         if not recorders <= discovery.listeners(self._node, topics.EFFORT_COMMAND):
-            self._heard_since_s = now
-        return now - self._heard_since_s < _HEARD_S and now - self._strange_since_s < _UNHEARD_S
+            self._heard_since = now
+        return now - self._heard_since < _HEARD_S and now - self._strange_since < _UNHEARD_S
 
     def _answering(self, topic: str) -> list[TopicEndpointInfo]:
         """Return the endpoints of those who answer on a topic; a recorder subscribes to the evidence."""
@@ -313,3 +276,8 @@ class GraphParticipants(Participants):
             if not self._node.is_second(status.name, process):
                 self.hear(status.name, status.message, values)
             self._node.look_for_duplicate(status.name, status.message, values)
+
+
+def _unnamed(names: Sequence[str]) -> bool:
+    """Return True if a publisher of commands is discovered but its node is not."""
+    return any(name.endswith(topics.UNKNOWN_NODE) for name in names)

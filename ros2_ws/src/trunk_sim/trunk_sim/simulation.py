@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections import deque
 
-from trunk_msgs_util.elementary import LARGEST_ANGLE
-from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
-from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.units import seconds
+from trunk_core.elementary import LARGEST_ANGLE
+from trunk_core.errors import EXIT_FAILED, TrunkError
+from trunk_core.samples import JointSample
+from trunk_core.units import seconds
 
 from .config import SimulatorConfig
 from .disturbances import Disturbance
 from .links import InFlight, Network, Traffic
 from .noise import Noise
-from .plant import PlantState
+from .plant import TRUNK, PlantState
 from .step import (
     Measurement,
-    Plant,
     PlantStatus,
     act,
     at_rest,
@@ -34,28 +33,24 @@ class DivergedError(TrunkError, ArithmeticError):
     exit_code = EXIT_FAILED
 
 
-# Why a step of the plant is not finite: after the state at ``t`` s, with this angle in rad and effort in N m.
-TOO_FAR = (
-    "the step after t = {t:g} s turns the trunk, or the path's phase, "
-    f"beyond {LARGEST_ANGLE:g} rad, the largest angle whose sine is computed"
-)
-UNSTABLE = (
-    "the plant diverged in the step after t = {t:g} s (angle {angle:.3g} rad, effort {effort:.3g} N m): "
-    "the loop is unstable with these gains at this rate"
-)
-
-
-def too_far(state: PlantState, plant: Plant) -> bool:
-    """Return True for a state whose next sines may be beyond what is computed. Compiles unchanged."""
-    return max(abs(state.x * plant.body.wavenumber), abs(state.theta)) > 0.9 * LARGEST_ANGLE
-
-
-def diverged(stamp_ns: int, status: PlantStatus, effort: float, plant: Plant) -> DivergedError:
+def diverged(
+    stamp_ns: int, status: PlantStatus, effort: float, config: SimulatorConfig
+) -> DivergedError:
     """Return the error for a step of the plant, with this command [N m], that is not finite."""
+    step = f"the step after t = {seconds(stamp_ns):g} s"
+    plant = config.plant
+    if config.kind.largest_angle(status.state, plant.constants) > 0.9 * LARGEST_ANGLE:
+        turned = "the trunk, or the path's phase," if config.kind.name == TRUNK else "an angle"
+        return DivergedError(
+            f"{step} turns {turned} beyond {LARGEST_ANGLE:g} rad, "
+            "the largest angle whose sine is computed"
+        )
     torque = torque_of(status.effort, effort, plant)
-    reason = TOO_FAR if too_far(status.state, plant) else UNSTABLE
-    values = {"t": seconds(stamp_ns), "angle": status.state.theta, "effort": torque}
-    return DivergedError(reason.format(**values))
+    unit = config.kind.driven.effort_unit
+    return DivergedError(
+        f"the plant diverged in {step} (angle {status.state.theta:.3g} rad, "
+        f"effort {torque:.3g} {unit}): the loop is unstable with these gains at this rate"
+    )
 
 
 class DelayLine:
@@ -148,9 +143,9 @@ class Simulation:
         """
         if self._wire is not None:
             effort = self._wire.command(self.step_index, effort)
-        after = act(self.status, effort, disturbance, self._plant)
+        after = act(self.status, effort, disturbance, self._plant, *self.config.dynamics)
         if after.diverged:
-            raise diverged(self.stamp_ns, self.status, effort, self._plant)
+            raise diverged(self.stamp_ns, self.status, effort, self.config)
         self.falls_now = after.fallen and not self.status.fallen
         self.status = after
         self.step_index += 1

@@ -10,10 +10,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_core import topics
+from trunk_core.samples import JointSample
+from trunk_core.topics import LEVEL_OK, LEVEL_WARN, Event
+from trunk_core.units import nanoseconds, seconds, step_count
 from trunk_msgs_util.node import discovery, qos
-from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.base import ENDING, TrunkNode
 from trunk_msgs_util.node.conversions import (
     WireReader,
@@ -22,27 +23,29 @@ from trunk_msgs_util.node.conversions import (
     stamp_to_ros,
 )
 from trunk_msgs_util.node.discovery import Wait
-from trunk_msgs_util.node.run import main_for
+from trunk_msgs_util.node.endpoints import AdaptiveSubscription
+from trunk_msgs_util.node.execution import main_for
 from trunk_msgs_util.node.strangers import near_misses
-from trunk_msgs_util.recording.schemas import LEVEL_OK, LEVEL_WARN
-from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import source_in
-from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
-from .config import SimulatorConfig
+from .config import SimulatorConfig, simulator_class
 from .inputs import (
+    NOTHING,
+    Applied,
     Command,
     DisturbanceFeed,
     Disturbed,
+    Operator,
     RefusedError,
     disturbance_of,
     effort_of,
     inputs_frame,
     inputs_row,
+    request_of,
+    with_operator,
 )
-from .operator_input import NOTHING, Applied, Operator, request_of, with_operator
 from .pacing import DOUBLED, make_pacing, tick_period
-from .participants_node import GraphParticipants
+from .participants_node import Participants
 from .simulation import DivergedError, Simulation
 
 _STARTED_BY = {
@@ -96,7 +99,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     """Owns the run: waits for the participants, begins, steps, holds and resets."""
 
     def __init__(self) -> None:
-        super().__init__("simulator", SimulatorConfig)
+        super().__init__("simulator", simulator_class)
         self._read_command = WireReader()
         self._read_disturbance = WireReader()
         self._read_progress = WireReader()
@@ -166,7 +169,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             answers[topics.REFERENCE] = AdaptiveSubscription(
                 self, topics.REFERENCE, self._on_reference
             )
-        self._participants = GraphParticipants(self, config, answers)
+        self._participants = Participants(self, config, answers)
         if config.lockstep and "recorder" in config.wait_for:
             self.create_subscription(
                 JointState,
@@ -321,7 +324,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._publish_diagnostics()  # the counts of the whole run
         self._publish_last_inputs()
         fell = self._simulation.ended_by_fall
-        self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")
+        reason = self.config.kind.words("the trunk has fallen")
+        self._say_finished(Event.FINISHED, reason if fell else "finished")
         wall = time.monotonic() - self._started
         steps = self._simulation.step_index
         counts = "".join(f", {count} {kind}" for kind, count in self.counters.items() if count)
@@ -370,7 +374,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             angle = self._simulation.state.theta
             self.event(Event.FELL, LEVEL_WARN, angle=angle, limit=self.config.fall_angle)
             self.get_logger().warning(
-                f"the trunk fell at t = {seconds(self.stamp_ns):g} s: angle {angle:.3g} rad"
+                f"{self.config.kind.words('the trunk')} fell at t = {seconds(self.stamp_ns):g} s: "
+                f"angle {angle:.3g} rad"
             )
 
     def _say_counts(self) -> None:

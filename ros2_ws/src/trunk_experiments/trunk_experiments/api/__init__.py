@@ -15,45 +15,71 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from trunk_msgs_util.errors import RecordingError, TrunkError
-from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_core.errors import (
+    LibraryError,
+    PlanError,
+    RecordingError,
+    StudyError,
+    SweepError,
+    TrunkError,
+)
+from trunk_core.parameters.declarations import ParameterError
+from trunk_evidence.parameter_text import ChangedParameter
+from trunk_evidence.run_metrics import Metrics
+from trunk_evidence.verdict import CheckedPart, Verification
+from trunk_runs.nodes import Parameter
 from trunk_sim.simulation import DivergedError
 
-from ..analysis.metrics import Metrics
-from ..analysis.parameter_text import ChangedParameter
-from ..errors import LibraryError, PlanError, StudyError, SweepError
-from ..plans.nodes import Parameter
-from ..replay.verdict import CheckedPart, Verification
-from ._plan import Plan, plan
-from ._results import Picture, metrics, plot, report, verify
-from ._run import Run, branch, load, simulate
-from ._study import Contender, Study, Variation, draw, grid, read_study, study
-from ._sweep import Sweep, load_sweep, sweep
+from ._run import (
+    Picture,
+    Plan,
+    Run,
+    branch,
+    load,
+    metrics,
+    plan,
+    plot,
+    report,
+    simulate,
+    verify,
+)
+from ._sweep import (
+    Contender,
+    Study,
+    Sweep,
+    Variation,
+    draw,
+    grid,
+    load_sweep,
+    read_study,
+    study,
+    sweep,
+)
 from ._tuning import explain, learn, limit, optimise, relay, tune
 from ._values import UNITS, controllers, parameter_files, parameters, scenarios, studies
 
 if TYPE_CHECKING:
-    from ..study.compare import DrawnRuns, Estimate, PairedDifference
-    from ..study.learning import Learned
-    from ..study.limit import Limit
-    from ..tuning.methods import Relay
-    from ..tuning.search import Optimum
+    from trunk_studies.learning import Learned
+    from trunk_studies.robustness import Limit
+    from trunk_studies.statistics import DrawnRuns, Estimate, PairedDifference
+    from trunk_studies.tuning.methods import Relay
+    from trunk_studies.tuning.search import Optimum
 
 _LATE = {  # results whose modules take long to load
-    "DrawnRuns": "study.compare",
-    "Estimate": "study.compare",
-    "PairedDifference": "study.compare",
-    "Learned": "study.learning",
-    "Limit": "study.limit",
-    "Relay": "tuning.methods",
-    "Optimum": "tuning.search",
+    "DrawnRuns": "trunk_studies.statistics",
+    "Estimate": "trunk_studies.statistics",
+    "PairedDifference": "trunk_studies.statistics",
+    "Learned": "trunk_studies.learning",
+    "Limit": "trunk_studies.robustness",
+    "Relay": "trunk_studies.tuning.methods",
+    "Optimum": "trunk_studies.tuning.search",
 }
 
 
 def __getattr__(name: str) -> object:
     if name not in _LATE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"..{_LATE[name]}", __name__), name)
+    return getattr(import_module(_LATE[name]), name)
 
 
 __all__ = [  # noqa: RUF022 (in the order in which the site describes them)

@@ -1,4 +1,4 @@
-"""`Run`: a recorded run as arrays, with what the recording says about it; where runs come from."""
+"""`Plan`: what decides a run; `Run`: a recorded run as arrays, where runs come from, what is concluded."""
 
 from __future__ import annotations
 
@@ -8,22 +8,29 @@ import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from trunk_msgs_util.errors import RecordingError
-from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.text import printable
+from trunk_core.errors import PlanError, RecordingError, did_you_mean
+from trunk_core.parameters.declarations import ParameterError, Value, values_of
+from trunk_core.results import html_table
+from trunk_core.text import printable
+from trunk_evidence.run_metrics import Metrics
+from trunk_evidence.verdict import Verification
+from trunk_runs.nodes import CONTROLLERS
+from trunk_runs.plan import RunPlan, Swap, make_plan
 
-from ..errors import PlanError
-from ..results import html_table
-from ._plan import Plan
 from ._values import (
     COLUMNS,
     AnyPath,
+    frame,
     keyed,
+    layers_of,
     mapping_of,
+    names_of,
+    number_of,
     output_path,
     path_of,
     plain,
@@ -32,13 +39,147 @@ from ._values import (
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
-    from trunk_msgs_util.parameters.declarations import Value
-    from trunk_msgs_util.recording.joint_table import Floats
+    from trunk_core.arrays import Floats
+    from trunk_evidence.parameter_text import ChangedParameter
+    from trunk_evidence.recorded_run import RecordedRun
+    from trunk_evidence.run_table import RunTable
 
-    from ..analysis.parameter_text import ChangedParameter
-    from ..analysis.run_table import RunTable
-    from ..recorded.run import RecordedRun
+_SUFFIXES = (".png", ".svg", ".pdf")
+
+
+@dataclass(frozen=True, repr=False)
+class Plan:
+    """Everything that decides a run: all parameters of all nodes, and whose turn it is when.
+
+    Made by `plan` and `Run.plan`.
+    """
+
+    _plan: RunPlan
+
+    @property
+    def scenario(self) -> str:
+        """The scenario's name."""
+        return self._plan.scenario
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """The controllers, in the order of their first turns."""
+        return tuple(self._plan.controllers)
+
+    @property
+    def duration(self) -> float:
+        """Simulated time in s; 0: no end, which `simulate` refuses."""
+        return self._plan.simulator.duration
+
+    @property
+    def rate(self) -> float:
+        """Rate of the plant's steps in Hz: a run has ``duration * rate + 1`` states."""
+        return self._plan.simulator.update_rate
+
+    @property
+    def parameters(self) -> Mapping[str, Mapping[str, Value]]:
+        """Every node's parameters by name, in SI units and radians; for the units: `parameters`."""
+        nodes = {name: values_of(config) for name, config in self._plan.configs.items()}
+        return keyed(nodes)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was most likely not intended, one line each."""
+        return self._plan.warnings
+
+    def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
+        """Write all parameters as one ROS 2 parameter file, for nodes that are started elsewhere.
+
+        Raises PlanError for a file that exists, unless ``overwrite``, or a name not ending in
+        ``.yaml`` or ``.yml``.
+        """
+        target = output_path(path, (".yaml", ".yml"), overwrite)
+        with writing(target):
+            self._plan.write_parameters(target)
+
+    def _facts(self) -> dict[str, str]:
+        facts = {
+            "scenario": self.scenario,
+            "controllers": ", ".join(self.controllers),
+            "duration": f"{self.duration:g} s",
+            "rate": f"{self.rate:g} Hz",
+        }
+        return facts | {f"warning {i}": text for i, text in enumerate(self.warnings, 1)}
+
+    def __repr__(self) -> str:
+        summary = f"{self.scenario}, {', '.join(self.controllers)}, {self.duration:g} s at {self.rate:g} Hz"
+        return printable(f"Plan({'; '.join((summary, *self.warnings))})")
+
+    def _repr_html_(self) -> str:
+        return html_table("Plan", ("", ""), self._facts().items())
+
+
+def plan(
+    scenario: AnyPath,
+    controller: str = "fuzzy_pid",
+    *,
+    params: AnyPath | Sequence[AnyPath] = (),
+    overrides: Mapping[str, Any] = MappingProxyType({}),
+    duration: float | None = None,
+    rate: float | None = None,
+    swaps: Sequence[tuple[float, str]] = (),
+    pushes: Sequence[str] = (),
+) -> Plan:
+    """Return the plan of a run; all files are read and all values checked.
+
+    ``scenario``: one of `scenarios`, or a parameter file's path.
+    ``controller``: one of `controllers`.
+    ``params``: parameter files on top, by path or one of `parameter_files`; later ones win.
+    ``overrides``: single values by ``"NODE.PARAM"``, in SI units and radians; they win over all files.
+    For an array, give a sequence or a NumPy array.
+    ``duration``: simulated time in s. ``rate``: of simulator and controllers in Hz.
+    ``swaps``: pairs of a time in s and the controller that takes over then, in ascending order.
+    ``pushes``: pulses besides the scenario's, as `trunk simulate --push` takes them: ``"60Nm:0.1s@3"``.
+
+    Raises PlanError, ParameterError or another `TrunkError`: one line with the name, its value, and what is
+    allowed.
+    """
+    turns = _swaps(swaps)
+    acting = [str(controller), *(turn.controller for turn in turns)]
+    everywhere = {
+        name: value
+        for name, value in (
+            ("duration", number_of(duration, "duration")),
+            ("update_rate", number_of(rate, "rate")),
+        )
+        if value is not None
+    }
+    made = make_plan(
+        str(path_of(scenario, "scenario")),
+        str(controller),
+        names_of(params, "params"),
+        layers_of(overrides, acting),
+        everywhere,
+        swaps=turns,
+        pushes=list(names_of(pushes, "pushes")),
+    )
+    return Plan(made)
+
+
+def _swaps(swaps: Any) -> list[Swap]:
+    """Return the swaps. Raises PlanError unless they are a list or tuple of swaps."""
+    if not isinstance(swaps, list | tuple):
+        raise PlanError(f"swaps {swaps!r}: a list is needed, such as [(4.0, 'pid')]")
+    return [_swap(swap) for swap in swaps]
+
+
+def _swap(pair: Any) -> Swap:
+    """Return a swap. Raises PlanError unless it is a time and a controller's name."""
+    time, name = pair if isinstance(pair, tuple | list) and len(pair) == 2 else (None, None)
+    time = number_of(time, "swaps: time")
+    if not isinstance(time, int | float) or not isfinite(time) or name not in CONTROLLERS:
+        raise PlanError(
+            f"swaps: {pair!r}: a time in s and a controller are needed, such as (4.0, 'pid'); controllers: "
+            f"{', '.join(CONTROLLERS)}{did_you_mean(str(name), CONTROLLERS)}"
+        )
+    return Swap(float(time), name)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -54,7 +195,7 @@ class Run:
 
     @cached_property
     def _table(self) -> RunTable:
-        from ..analysis.run_table import RunTable
+        from trunk_evidence.run_table import RunTable
 
         table = RunTable.of_run(self._recorded)
         for name in COLUMNS:
@@ -115,7 +256,7 @@ class Run:
 
     @cached_property
     def _doubts(self) -> tuple[tuple[str, ...], float | None]:
-        from ..replay.doubts import doubts_of
+        from trunk_evidence.doubts import doubts_of
 
         doubts = doubts_of(self._recorded, twin=False)
         return tuple(doubts.lines), doubts.fell
@@ -133,7 +274,7 @@ class Run:
     @property
     def changed(self) -> tuple[ChangedParameter, ...]:
         """The parameters that were changed while the run went on, by time."""
-        from ..analysis.parameter_text import changed_parameters
+        from trunk_evidence.parameter_text import changed_parameters
 
         return tuple(changed_parameters(self._recorded))
 
@@ -208,7 +349,7 @@ class Run:
 
     @cached_property
     def _more(self) -> tuple[Mapping[str, Floats], Mapping[str, Floats]]:
-        from ..analysis.run_table import disturbance, terms
+        from trunk_evidence.run_table import disturbance, terms
 
         tables = terms(self._recorded, self._table), disturbance(self._recorded, self._table)
         for columns in tables:
@@ -236,8 +377,6 @@ class Run:
 
         Raises LibraryError if pandas is not installed.
         """
-        from ._values import frame
-
         return frame(self.arrays(), index="t")
 
     def plan(self) -> Plan:
@@ -256,7 +395,7 @@ class Run:
         Raises PlanError for a file that exists, unless ``overwrite``, for any suffix but ``.mcap``, and
         for a recording of several files.
         """
-        from trunk_msgs_util.files import atomic_write
+        from trunk_core.files import atomic_write
 
         target = output_path(path, (".mcap",), overwrite, [self.path])
         if self.path.is_dir():
@@ -294,7 +433,7 @@ def load(path: AnyPath) -> Run:
     Broken files are read as far as they are sound: see `Run.doubts` and `Run.warnings`.
     Raises RecordingError for a file that is missing, cannot be read or is not MCAP.
     """
-    from ..recorded.run import RecordedRun
+    from trunk_evidence.recorded_run import RecordedRun
 
     return Run(RecordedRun.open(path_of(path, "recording")))
 
@@ -308,7 +447,7 @@ def simulate(plan: Plan, *, output: AnyPath | None = None, overwrite: bool = Fal
     Raises PlanError for a plan that needs the graph or an output that cannot be written, and DivergedError
     if the loop is unstable: an ``output`` then holds the run up to its last finite state.
     """
-    from ..runs.offline_recording import record_offline
+    from trunk_runs.offline_recording import record_offline
 
     if not isinstance(plan, Plan):
         raise PlanError(f"simulate: {plan!r} is not a plan: give what trunk.plan(...) returns")
@@ -329,7 +468,7 @@ def recorded(
 
     A temporary file is deleted with the `Run`. ``inputs``: files that must not be written.
     """
-    from ..recorded.run import RecordedRun
+    from trunk_evidence.recorded_run import RecordedRun
 
     if output is not None:
         path = output_path(output, (".mcap",), overwrite, inputs)
@@ -376,7 +515,7 @@ def branch(
     Raises PlanError for a change that is not possible, RecordingError for a run that does not verify up to
     ``at``, and DivergedError.
     """
-    from ..replay.branch import Branch, branch_plan, record_branch
+    from trunk_evidence.branching import Branch, branch_plan, record_branch
 
     if isinstance(pushes, str):
         raise PlanError(f"pushes {pushes!r}: a list is needed, such as ['60Nm:0.1s']")
@@ -392,3 +531,95 @@ def branch(
         overwrite,
         [parent.path],
     )
+
+
+def metrics(run: Run | AnyPath) -> Metrics:
+    """Return the metrics of a `Run`, or of the recording at a path.
+
+    Raises RecordingError if it cannot be read, or has no true states or no reference.
+    """
+    from trunk_evidence.run_table import recorded_metrics
+
+    return recorded_metrics(run_of(run)._recorded)
+
+
+def verify(run: Run | AnyPath) -> Verification:
+    """Recompute every command of a recording and, where time was exact, every state.
+
+    Raises RecordingError for a recording that cannot be read.
+    """
+    from trunk_evidence.judgement import verdict_on
+    from trunk_evidence.verdict import verification
+
+    recorded = run_of(run)._recorded
+    return verification(recorded, verdict_on(recorded))
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawing; a notebook shows it. Made by `plot` and `Sweep.map`.
+
+    ``figure``: the Matplotlib figure, to change or add to.
+    """
+
+    figure: Figure
+
+    def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
+        """Write it as PNG, SVG or PDF, chosen by the path's suffix; the same runs give the same bytes.
+
+        Raises PlanError for any other suffix, and for a file that exists, unless ``overwrite``.
+        """
+        from trunk_views.plots import save
+
+        target = output_path(path, _SUFFIXES, overwrite)
+        with writing(target):
+            save(self.figure, target)
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        """Return the picture, and its width in CSS pixels, 96 to the inch."""
+        from trunk_views.plots import drawn
+
+        return drawn(self.figure, ".png"), {"width": round(96 * self.figure.get_figwidth())}
+
+
+def plot(
+    *runs: Run | AnyPath, fig: int | None = None, names: Sequence[str] | None = None
+) -> Picture:
+    """Draw one run, or several overlaid: `Run` objects, or paths of recordings.
+
+    ``fig``: lay it out like figure 6, 7, 8 or 9 of the paper (angles over time); None: angle, torque, gains,
+    path and phase. ``names``: the runs' names in the legend, one for each run.
+
+    Raises PlanError if there is no run, for any other figure and for a wrong number of names, and
+    RecordingError for a recording that cannot be read.
+    """
+    from trunk_views.plots import FIGURES, overview, paper_figure
+    from trunk_views.run_view import RunView
+
+    if not runs:
+        raise PlanError("plot: no run: give at least one")
+    if fig is not None and fig not in FIGURES:
+        raise PlanError(f"plot: fig is {fig!r}: one of {', '.join(map(str, FIGURES))} is needed")
+    if names is not None and (not isinstance(names, list | tuple) or len(names) != len(runs)):
+        raise PlanError(f"plot: names {names!r}: give a list of {len(runs)}, one for each run")
+    views = [RunView.read(run_of(run)._recorded) for run in runs]
+    labels = None if names is None else [str(name) for name in names]
+    return Picture(overview(views, labels) if fig is None else paper_figure(views, fig, labels))
+
+
+def report(*runs: Run | AnyPath, output: AnyPath, overwrite: bool = False) -> None:
+    """Write runs as one HTML page that needs no network: animated, plotted, judged, as `trunk report` does.
+
+    Raises PlanError if there is no run and for an output that cannot be written, and RecordingError for a
+    recording that cannot be read.
+    """
+    from trunk_views.run_report import make_report, write
+    from trunk_views.run_view import RunView
+
+    if not runs:
+        raise PlanError("report: no run: give at least one")
+    opened = [run_of(run)._recorded for run in runs]
+    target = output_path(output, (".html", ".htm"), overwrite, [run.path for run in opened])
+    page = make_report([RunView.read(run) for run in opened])
+    with writing(target):
+        write(page, target)

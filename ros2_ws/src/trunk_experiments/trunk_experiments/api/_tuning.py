@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import isfinite, radians
+from math import isfinite
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from trunk_msgs_util.units import seconds
+from trunk_core.errors import PlanError, StudyError, did_you_mean
+from trunk_runs.plan import make_plan
 
-from ..errors import PlanError, StudyError, did_you_mean
-from ..plans.plan import make_plan
-from ._plan import Plan, plan
-from ._run import Run, run_of
-from ._study import Study
+from ._run import Plan, Run, plan, run_of
+from ._sweep import Study
 from ._values import AnyPath, mapping_of, names_of
 
 if TYPE_CHECKING:
-    from ..replay.explain import Explanation
-    from ..study.learning import Learned
-    from ..study.limit import Limit
-    from ..tuning.methods import Relay
-    from ..tuning.search import Optimum
+    from trunk_core.parameters.declarations import Value
+    from trunk_evidence.explanation import Explanation
+    from trunk_studies.learning import Learned
+    from trunk_studies.robustness import Limit
+    from trunk_studies.tuning.methods import Relay
+    from trunk_studies.tuning.search import Optimum
+
+
+_LARGEST = {
+    "lqr": ("integral", "angle", "speed", "torque"),
+    "state_feedback": ("position", "angle", "velocity", "speed", "torque"),
+}
 
 
 def explain(run: Run | AnyPath, at: float) -> Explanation:
@@ -34,7 +39,7 @@ def explain(run: Run | AnyPath, at: float) -> Explanation:
 
     Raises RecordingError for an instant outside the run, or if the run lacks what is needed.
     """
-    from ..replay.explain import explain
+    from trunk_evidence.explanation import explain
 
     return explain(run_of(run)._recorded, float(at))
 
@@ -47,45 +52,39 @@ def tune(
     params: AnyPath | Sequence[AnyPath] = (),
     rate: float | None = None,
     discrete: bool = False,
-) -> dict[str, float]:
+) -> dict[str, Value]:
     """Return gains for the trunk linearised about the upright, as overrides for `plan`.
 
-    ``controller``: ``lqr`` solves the Riccati equation, as `trunk tune lqr` does; ``pid`` and
-    ``computed_torque`` place the ``poles``, in 1/s, two or three, as `trunk tune poles` does.
-    ``largest``: for ``lqr``, the largest acceptable ``integral`` [rad s], ``angle`` [rad], ``speed`` [rad/s]
-    and ``torque`` [N m]; by default 0.1, 6 degrees, 1 and 5.
+    ``controller``: ``lqr`` and ``state_feedback`` solve the Riccati equation, as `trunk tune lqr` does;
+    ``pid`` and ``computed_torque`` place the ``poles``, in 1/s, two or three, as `trunk tune poles` does.
+    ``largest``: for the first two, the largest acceptable ``angle`` [rad], ``speed`` [rad/s] and ``torque``
+    [N m]; for ``lqr`` also ``integral`` [rad s], for ``state_feedback`` ``position`` [m] and ``velocity``
+    [m/s] of the other coordinate; by default 6 degrees, 1, 5, 0.1, 0.3 and 1.
     ``params``: parameter files with the plant, by path or name; later ones win. ``rate``: in Hz.
-    ``discrete``: for ``lqr``, solve the equation of the sampled trunk, its torque held over each period.
+    ``discrete``: for these two, solve the equation of the sampled trunk, its torque held over each period.
 
-    Raises PlanError for any other controller or name.
+    Raises PlanError for any other controller or name, and where no gains hold the plant.
     """
-    from ..tuning.linear import linearise
-    from ..tuning.methods import by_lqr, by_poles
+    from trunk_studies.tuning.methods import RICCATI, pole_gains
 
-    if controller not in ("lqr", "pid", "computed_torque"):
-        raise PlanError(f"tune: controller {controller!r}: one of lqr, pid, computed_torque")
+    known = *RICCATI, "pid", "computed_torque"
+    if controller not in known:
+        raise PlanError(f"tune: controller {controller!r}: one of {', '.join(known)}")
     everywhere = {} if rate is None else {"update_rate": float(rate)}
     files = ["profile_practical", *names_of(params, "params")]
-    sampled = make_plan("fig6", controller, files, (), everywhere)
-    plant = linearise(sampled.simulator.body)
-    others: dict[str, float] = {}
-    if controller == "lqr":
-        bounds = {"integral": 0.1, "angle": radians(6.0), "speed": 1.0, "torque": 5.0}
+    loop = make_plan("fig6", controller, files, (), everywhere)
+    if controller in RICCATI:
         given = mapping_of(largest, "largest", "{'torque': 5.0}")
+        names = _LARGEST[controller]
         for name, value in given.items():
-            if name not in bounds or not (isfinite(value) and value > 0.0):
+            if name not in names or not (isfinite(value) and value > 0.0):
                 raise PlanError(
-                    f"tune: largest {name!r} {value!r}: above 0, of {', '.join(bounds)}, is needed"
+                    f"tune: largest {name!r} {value!r}: above 0, of {', '.join(names)}, is needed"
                 )
-        period = seconds(sampled.controller.period_ns) if discrete else 0.0
-        integral, angle, speed, torque = {**bounds, **given}.values()
-        gains = by_lqr(plant, integral, angle, speed, torque, period)
-        others["lqr.model.gravity_torque"] = plant.a / plant.b
+        values = RICCATI[controller](loop, **given, discrete=discrete)
     else:
-        if controller == "computed_torque":
-            plant = plant._replace(a=0.0, b=1.0)  # what is left after inverse dynamics
-        gains = by_poles(plant, tuple(map(float, poles)))
-    return {**{f"{controller}.gains.{n}": getattr(gains, n) for n in "pid"}, **others}
+        values = pole_gains(loop, tuple(map(float, poles)))
+    return {f"{controller}.{name}": value for name, value in values.items()}
 
 
 def limit(
@@ -107,7 +106,7 @@ def limit(
 
     Raises PlanError for a value that is refused.
     """
-    from ..study.limit import find_limit
+    from trunk_studies.robustness import find_limit
 
     if not (isfinite(low) and isfinite(high) and low != high and 0.0 < within <= 1.0):
         raise PlanError(
@@ -132,8 +131,8 @@ def relay(
 
     Raises PlanError for numbers out of range, and where no ultimate gain exists.
     """
-    from ..tuning.linear import linearise
-    from ..tuning.methods import relay
+    from trunk_studies.tuning.linear import linearise
+    from trunk_studies.tuning.methods import relay
 
     for name, number, low, high in (
         ("lag", lag, 0.0, 1e3),
@@ -145,7 +144,7 @@ def relay(
                 f"relay: {name} {number!r}: a number from {low:g} to {high:g} is needed"
             )
     plan = make_plan("fig6", "pid", ["profile_practical", *names_of(params, "params")], (), {})
-    plant = linearise(plan.simulator.body)
+    plant = linearise(plan.simulator)
     return relay(plant._replace(c=damping * plant.b, lag=float(lag)), float(amplitude))
 
 
@@ -153,22 +152,25 @@ def optimise(
     *plans: Plan,
     metric: str = "itae",
     generations: int = 20,
-    population: int = 5,
+    population: int | None = None,
     seed: int = 1,
+    jobs: int = 1,
     progress: Callable[[int, float], None] | None = None,
 ) -> Optimum:
     """Search a controller's parameters for the smallest mean of a metric over plans: `trunk tune optimise`.
 
-    By differential evolution on whole runs, ``population`` candidates per number searched in each generation;
-    the same ``seed`` gives the same result. For ``pid`` it searches the gains; for ``fuzzy_pid`` the ranges
-    of the gains, both universes and the rule tables, symmetric in e and its rate; for any other controller
-    all of its own numbers. ``metric``: of `Metrics`, by magnitude, except the angles' extremes.
-    ``progress``: called with the generation and the least mean so far.
+    By CMA-ES on whole runs, ``population`` candidates in each generation, None: as it recommends; the same
+    ``seed`` gives the same result. A fall counts as ten times the mean of the parameters at the start. For
+    ``pid`` it searches the gains; for ``fuzzy_pid`` the ranges of the gains, both universes and the rule
+    tables, symmetric in e and its rate; for any other controller all of its own numbers. ``metric``: of
+    `Metrics`, by magnitude, except the angles' extremes. ``jobs``: how many processes; with more than one, a
+    script needs ``if __name__ == "__main__":`` around the call. ``progress``: called with the generation and
+    the least cost so far.
 
-    Raises PlanError if there is no plan, for plans of different controllers or with swaps, and for numbers
-    out of range.
+    Raises PlanError if there is no plan, for plans of different controllers or with swaps, for a controller
+    that falls in each, and for numbers out of range.
     """
-    from ..tuning.search import search
+    from trunk_studies.tuning.search import search
 
     if not plans or not all(isinstance(plan, Plan) for plan in plans):
         raise PlanError(f"optimise: {plans!r}: give one or more of what trunk.plan(...) returns")
@@ -178,10 +180,11 @@ def optimise(
         raise PlanError(
             f"optimise: the plans' controllers are {names}: give plans of one controller"
         )
-    _check("optimise", metric, generations, population, seed)
+    _check("optimise", metric, generations, population, seed, jobs)
     return search(
-        [plan._plan for plan in plans], metric, generations, population, seed, progress or _quiet
-    )
+        [plan._plan for plan in plans], metric, generations, population, seed, jobs,
+        progress or _quiet,
+    )  # fmt: skip
 
 
 def learn(
@@ -198,21 +201,17 @@ def learn(
 ) -> Learned:
     """Search a controller's parameters on a study's draws, and judge them on others: `tune optimise --study`.
 
-    ``controller``: one of the study's. What is searched, ``metric``, ``seed`` and ``progress``: as for
-    `optimise`; by CMA-ES. The cost is the metric's mean over the draws, in which a fall counts as ten times
-    the mean of the parameters at the start. ``population``: candidates; None: as CMA-ES recommends.
-    ``held_out_seed``: of the draws by which the result is judged; None: the study's + 1. ``jobs``: how many
-    processes; with more than one, a script needs ``if __name__ == "__main__":`` around the call.
+    ``controller``: one of the study's. ``held_out_seed``: of the draws by which the result is judged; None:
+    the study's + 1. The search, and all other arguments: as for `optimise`.
 
-    Raises StudyError for a controller that is not in the study, or falls in each of its draws, and for
-    held-out draws that are those of the search; PlanError for numbers out of range.
+    Raises StudyError for a controller that is not in the study, and for held-out draws that are those of the
+    search; PlanError for a controller that falls in each draw, and for numbers out of range.
     """
-    from ..study.learning import learn
+    from trunk_studies.learning import learn
 
     if not isinstance(study, Study):
         raise StudyError(f"learn: {study!r} is not a study: give what trunk.study(...) returns")
-    _check("learn", metric, generations, population, seed)
-    _check_whole("learn", "jobs", jobs, 1, 1024)
+    _check("learn", metric, generations, population, seed, jobs)
     other = study._study.seed + 1 if held_out_seed is None else held_out_seed
     _check_whole("learn", "held_out_seed", other, 0, 2**31 - 1)
     return learn(
@@ -225,9 +224,11 @@ def _quiet(generation: int, least: float) -> None:
     """Ignore progress."""
 
 
-def _check(verb: str, metric: str, generations: int, population: int | None, seed: int) -> None:
+def _check(
+    verb: str, metric: str, generations: int, population: int | None, seed: int, jobs: int
+) -> None:
     """Raise PlanError for what a search does not take."""
-    from ..analysis.metrics import RANKED
+    from trunk_evidence.run_metrics import RANKED
 
     if metric not in RANKED:
         hint = did_you_mean(str(metric), RANKED)
@@ -236,6 +237,7 @@ def _check(verb: str, metric: str, generations: int, population: int | None, see
     if population is not None:
         _check_whole(verb, "population", population, 2, 1000)
     _check_whole(verb, "seed", seed, 0, 2**32 - 1)
+    _check_whole(verb, "jobs", jobs, 1, 1024)
 
 
 def _check_whole(verb: str, name: str, number: object, low: int, high: int) -> None:

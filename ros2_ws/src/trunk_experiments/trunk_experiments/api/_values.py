@@ -10,14 +10,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from trunk_control.laws import law_named
-from trunk_msgs_util.parameters.files import Layer, Section
-
-from ..analysis.metrics import QUANTITIES
-from ..analysis.run_table import DISTURBANCE, TABLE_UNITS
-from ..analysis.run_table import UNITS as OF_TERMS
-from ..errors import LibraryError, PlanError, did_you_mean
-from ..plans.files import SCENARIOS, shipped_files
-from ..plans.nodes import CONTROLLERS, NODES, Parameter, parameters_of
+from trunk_core.errors import LibraryError, PlanError, did_you_mean
+from trunk_core.parameters.parameter_files import Layer, Section
+from trunk_evidence.run_metrics import QUANTITIES
+from trunk_evidence.run_table import DISTURBANCE, TABLE_UNITS
+from trunk_evidence.run_table import UNITS as OF_TERMS
+from trunk_runs.nodes import CONTROLLERS, NODES, Parameter, parameters_of
+from trunk_runs.scenario import SCENARIOS, shipped_files
+from trunk_sim.plants.trunk import PLANT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +41,7 @@ def output_path(
     Raises PlanError for a file that exists, unless ``overwrite``, for one of the ``inputs``, for any other
     suffix and for a folder that does not exist.
     """
-    from ..console.outputs import check_output
+    from ..console.options import check_output
 
     path = path_of(value, "output")
     with writing(path):
@@ -66,7 +66,7 @@ UNITS: Mapping[str, str] = MappingProxyType(
     {
         **TABLE_UNITS,
         **OF_TERMS,
-        **DISTURBANCE,
+        **dict(zip(DISTURBANCE, PLANT.channel_units.values(), strict=True)),
         **{name: quantity.unit for name, quantity in QUANTITIES.items()},
         "diverged_at_s": "s",
     }
@@ -167,7 +167,7 @@ def controllers() -> dict[str, str]:
 
 def studies() -> dict[str, str]:
     """Return the shipped studies by name, with a line about each."""
-    from ..study.study import shipped_studies
+    from trunk_studies.study import shipped_studies
 
     return {name: _first_line(path) for name, path in shipped_studies().items()}
 

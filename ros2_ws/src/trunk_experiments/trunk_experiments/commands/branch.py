@@ -9,22 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from trunk_msgs_util.errors import RecordingError
+from trunk_core.errors import PlanError, RecordingError
+from trunk_core.results import Result
+from trunk_evidence.branching import Branch, fanned
 from trunk_sim.simulation import DivergedError
 
 from ..console.document import json_option, write_json
-from ..console.options import Number
-from ..console.outputs import check_folder, check_output, output_options
-from ..console.plan_options import ControllerName
+from ..console.options import ControllerName, Number, check_folder, check_output, output_options
 from ..console.reading import WrittenResult, about_written, open_run
-from ..console.terminal import line_of, report_error
-from ..errors import PlanError
-from ..replay.branch import Branch, fanned
-from ..results import Result
+from ..console.terminal import line_of, progress_bar, report_error
 
 if TYPE_CHECKING:
-    from ..plans.plan import RunPlan
-    from ..recorded.run import RecordedRun
+    from trunk_evidence.recorded_run import RecordedRun
+    from trunk_runs.plan import RunPlan
 
 _LONG = 100_000  # states, which take seconds
 _MANY = 1000  # branches, as long
@@ -124,8 +121,6 @@ def command(
     Disturbances, references, noise and later events stay as recorded. The branch names its parent, and
     verifies.
     """
-    from ..console.progress import progress_bar
-
     branches = fanned(list(_branches(ctx)), grid)
     paths = _paths(branches, run, output, force)
     parent = open_run(run, whole=True)
@@ -213,7 +208,7 @@ def _name(branch: Branch) -> str:
 
 def _planned(parent: RecordedRun, branch: Branch, duration: float | None) -> RunPlan:
     """Return a branch's plan. Raises PlanError and RecordingError if it cannot be run."""
-    from ..replay.branch import branch_plan
+    from trunk_evidence.branching import branch_plan
 
     try:
         return branch_plan(parent, branch, duration)
@@ -225,8 +220,7 @@ def _recorded(
     parent: RecordedRun, branch: Branch, plan: RunPlan, path: Path, force: bool
 ) -> tuple[int, DivergedError | None]:
     """Write a branch, showing progress; return the number of states, or why it diverged."""
-    from ..console.progress import progress_bar
-    from ..replay.branch import record_branch
+    from trunk_evidence.branching import record_branch
 
     with progress_bar(f"simulating {path.name}", _LONG) as tell_done:
         try:

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import click
 
-from ..analysis.metrics import QUANTITIES
-from ..analysis.parameter_text import ChangedParameter, differing_texts, lines_of, value_text
+from trunk_core.results import Keyword, Quantity, Result, number
+from trunk_evidence.differences import FirstDifference
+from trunk_evidence.doubts import Doubts
+from trunk_evidence.parameter_text import ChangedParameter, differing_texts, lines_of, value_text
+from trunk_evidence.recorded_run import BranchOf
+from trunk_evidence.run_metrics import QUANTITIES
+from trunk_views.comparison import Comparison, compare, not_ranked, split_parameters, table_grids
+
 from ..console.document import json_option, write_json
 from ..console.reading import open_views, show_warnings_of
 from ..console.tables import csv_table, markdown_table, print_table
 from ..console.terminal import print_title
-from ..recorded.run import BranchOf
-from ..replay.diff import FirstDifference
-from ..replay.doubts import Doubts
-from ..results import Keyword, Quantity, Result, number
-from ..views.compare import Comparison, compare, split_parameters, table_grids
-from ..views.task import not_ranked
 
 
 class ComparedRun(NamedTuple):
@@ -104,7 +104,7 @@ def result_of(comparison: Comparison, files: Sequence[Path]) -> CompareResult:
         comparison.tasks,
         {
             row.key: ComparedMetric(
-                _quantity(row.key).unit, row.values, [names[i] for i in row.best]
+                _quantity(row.key, comparison.words).unit, row.values, [names[i] for i in row.best]
             )
             for row in comparison.rows
         },
@@ -119,7 +119,7 @@ def as_csv(comparison: Comparison) -> str:
     rows = [
         (
             row.key,
-            _quantity(row.key).unit,
+            _quantity(row.key, comparison.words).unit,
             *row.values,
             "; ".join(comparison.names[i] for i in row.best),
         )
@@ -137,7 +137,7 @@ def as_markdown(comparison: Comparison) -> str:
     for row in comparison.rows:
         numbers = map(number, row.values)
         shown = [f"**{text}**" if i in row.best else text for i, text in enumerate(numbers)]
-        quantity = _quantity(row.key)
+        quantity = _quantity(row.key, comparison.words)
         rows.append((quantity.label, quantity.unit, *shown))
     lines += [markdown_table(("quantity", "unit", *names), rows)]
     beside, only = settings(comparison)
@@ -165,8 +165,8 @@ def branched(comparison: Comparison) -> list[tuple[str, str]]:
     ]
 
 
-def _quantity(key: str) -> Quantity:
-    return QUANTITIES.get(key, Quantity(key, ""))
+def _quantity(key: str, words: Callable[[str], str]) -> Quantity:
+    return QUANTITIES[key].said(words) if key in QUANTITIES else Quantity(key, "")
 
 
 def settings(
@@ -210,9 +210,9 @@ def _show(comparison: Comparison) -> None:
         ("quantity", *comparison.names, "unit"),
         [
             (
-                _quantity(row.key).label,
+                _quantity(row.key, comparison.words).label,
                 *(f"{'* ' * (i in row.best)}{number(v)}" for i, v in enumerate(row.values)),
-                _quantity(row.key).terminal_unit,
+                _quantity(row.key, comparison.words).terminal_unit,
             )
             for row in comparison.rows
         ],

@@ -9,12 +9,13 @@ from typing import Annotated, NoReturn
 
 import click
 
+from trunk_core.results import Count, Result
+from trunk_evidence.differences import FirstDifference, diff
+from trunk_evidence.doubts import RecordingResult, about
+
 from ..console.document import json_option, write_json
 from ..console.reading import open_run, show_damage
 from ..console.tables import print_table
-from ..replay.diff import FirstDifference, diff
-from ..replay.doubts import RecordingResult, about
-from ..results import Count, Result
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class DiffResult(Result, document="diff-1"):
 @click.command("diff")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
-@json_option(DiffResult, "study.results:StudyDiff")
+@json_option(DiffResult, "trunk_studies.sweep_results:StudyDiff")
 @click.pass_context
 def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     """Compare two recorded runs topic by topic, by stamp, bit by bit; or two sweeps, run by run.
@@ -93,7 +94,7 @@ def _is_sweep(path: Path) -> bool:
 
 
 def _diff_studies(ctx: click.Context, a: Path, b: Path, as_json: bool) -> NoReturn:
-    from ..study.results import Results, diff_studies
+    from trunk_studies.sweep_results import Results, diff_studies
 
     difference = diff_studies(Results.read(a), Results.read(b))
     if as_json:

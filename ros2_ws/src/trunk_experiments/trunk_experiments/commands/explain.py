@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import degrees, isfinite
 from pathlib import Path
 
 import click
 
 from trunk_control.law import OUTCOME
+from trunk_evidence.doubts import refused, unsound
+from trunk_evidence.evidence import recorded_turns
+from trunk_evidence.explanation import Explanation, ExternalCommand, explain, external_command
 from trunk_sim.disturbances import Disturbance
+from trunk_sim.plant import Plant
+from trunk_sim.plants.trunk import PLANT
 
 from ..console.document import json_option, write_json
 from ..console.options import Number
 from ..console.reading import open_run, show_damage
 from ..console.tables import print_table
 from ..console.terminal import show_warnings
-from ..recorded.turns import recorded_turns
-from ..replay.doubts import refused, unsound
-from ..replay.explain import Explanation, ExternalCommand, explain, external_command
+
+Row = tuple[str, str, str]  # of a table: quantity, value, unit
 
 
 @click.command("explain")
@@ -47,17 +52,17 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
         if as_json:
             write_json(known)
         else:
-            _show_external(known)
+            _show_external(known, recorded.plant or PLANT)
         return
     explanation = explain(recorded, at)
     if as_json:
         write_json(explanation)
     else:
-        _show(explanation)
+        _show(explanation, recorded.plant or PLANT)
     ctx.exit(0 if explanation.agrees or explanation.rounded_otherwise else 1)
 
 
-def _show_external(known: ExternalCommand) -> None:
+def _show_external(known: ExternalCommand, plant: Plant) -> None:
     """Print what is known of an external controller's command."""
     terms = "" if known.terms else "; its terms were not recorded"
     if known.command is None:
@@ -65,16 +70,16 @@ def _show_external(known: ExternalCommand) -> None:
     else:
         answers = "acts since it arrived" if known.arrived else f"answers t = {known.answers_s:g} s"
         click.echo(
-            f"t = {known.asked_s:g} s: torque from {known.controller}: {known.command:.6g} N m, "
-            f"{answers}{terms}"
+            f"t = {known.asked_s:g} s: {plant.of_drive('torque')} from {known.controller}: "
+            f"{known.command:.6g} {plant.driven.effort_unit}, {answers}{terms}"
         )
     rows = [
         ("reference", f"{degrees(known.reference):.6g}", "°"),
         ("measured angle", f"{degrees(known.measurement):.6g}", "°"),
         ("true angle", f"{degrees(known.true_angle):.6g}", "°"),
         ("error e", f"{degrees(known.reference - known.true_angle):.6g}", "°"),
-        *_disturbance_rows(known.disturbance),
-        ("torque applied to the plant", f"{known.applied:.6g}", "N m"),
+        *_disturbance_rows(known.disturbance, plant),
+        *_of_drive([("torque applied to the plant", f"{known.applied:.6g}", "N m")], plant),
     ]
     print_table("what is known", ("quantity", "value", "unit"), rows)
     if known.terms:
@@ -82,21 +87,26 @@ def _show_external(known: ExternalCommand) -> None:
         print_table(f"terms of {known.controller}, as it names them", ("term", "value", ""), named)
 
 
-def _disturbance_rows(acting: Disturbance) -> list[tuple[str, str, str]]:
-    units = ("N", "N m", "m", "°")
+def _of_drive(rows: Iterable[Row], plant: Plant) -> list[Row]:
+    """Return rows about the drive in the words of a plant."""
+    return [(plant.of_drive(what), value, plant.of_drive(unit)) for what, value, unit in rows]
+
+
+def _disturbance_rows(acting: Disturbance, plant: Plant) -> list[Row]:
+    kinds = {"N": "force", "N m": "torque"}
     rows = [
         (
-            f"disturbance: {name.replace('_', ' ')}",
-            f"{degrees(value) if unit == '°' else value:.6g}",
-            unit,
+            f"disturbance: {channel.rpartition('_')[0]} {kinds.get(unit, 'offset')}",
+            f"{degrees(value) if unit == 'rad' else value:.6g}",
+            "°" if unit == "rad" else unit,
         )
-        for (name, value), unit in zip(acting._asdict().items(), units, strict=True)
+        for value, (channel, unit) in zip(acting, plant.channel_units.items(), strict=True)
         if value
     ]
     return rows or [("disturbance", "none", "")]
 
 
-def _shares(explanation: Explanation) -> list[tuple[str, str, str]]:
+def _shares(explanation: Explanation) -> list[Row]:
     """Return the rows of the terms that a law of the PID's kind adds up."""
     terms = explanation.terms
     return [
@@ -104,7 +114,7 @@ def _shares(explanation: Explanation) -> list[tuple[str, str, str]]:
         ("I: Ki times the integral", f"{terms.i_term:.6g}", "N m"),
         ("D: Kd times the derivative", f"{terms.d_term:.6g}", "N m"),
         *(
-            [("from the model", f"{explanation.by_model:.6g}", "N m")]
+            [("besides P, I and D", f"{explanation.by_model:.6g}", "N m")]
             if explanation.by_model
             else []
         ),
@@ -112,7 +122,7 @@ def _shares(explanation: Explanation) -> list[tuple[str, str, str]]:
     ]
 
 
-def _gains(explanation: Explanation) -> list[tuple[str, str, str]]:
+def _gains(explanation: Explanation) -> list[Row]:
     """Return the rows of its gains."""
     terms = explanation.terms
     return [
@@ -123,24 +133,26 @@ def _gains(explanation: Explanation) -> list[tuple[str, str, str]]:
     ]
 
 
-def _own_terms(explanation: Explanation) -> list[tuple[str, str, str]]:
-    """Return the rows of another law's terms, as it names them."""
+def _own_terms(explanation: Explanation, plant: Plant) -> list[Row]:
+    """Return the rows of another law's terms, as it names them, in the units of a plant."""
     named = [name for name in explanation.terms._fields if name not in OUTCOME]
     rows = [
         (
             name.replace("_", " "),
             f"{getattr(explanation.terms, name):.6g}",
-            explanation.units.get(name, ""),
+            plant.of_drive(explanation.units.get(name, "")),
         )
         for name in named
     ]
-    return [*rows, ("command before the limits", f"{explanation.terms.unsaturated:.6g}", "N m")]
+    unit = plant.driven.effort_unit
+    return [*rows, ("command before the limits", f"{explanation.terms.unsaturated:.6g}", unit)]
 
 
-def _show(explanation: Explanation) -> None:
+def _show(explanation: Explanation, plant: Plant) -> None:
     terms, windup = explanation.terms, explanation.anti_windup
+    unit = plant.driven.effort_unit
     click.echo(
-        f"t = {explanation.asked_s:g} s: {explanation.controller} holds {terms.effort:.6g} N m, "
+        f"t = {explanation.asked_s:g} s: {explanation.controller} holds {terms.effort:.6g} {unit}, "
         f"computed at t = {explanation.update_s:g} s"
     )
     rows = [
@@ -162,7 +174,7 @@ def _show(explanation: Explanation) -> None:
             )
         ),
     ]
-    rows += _disturbance_rows(explanation.disturbance)
+    rows += _disturbance_rows(explanation.disturbance, plant)
     print_table("inputs", ("quantity", "value", "unit"), rows)
     if explanation.rules:
         print_table(
@@ -194,29 +206,40 @@ def _show(explanation: Explanation) -> None:
         "outputs",
         ("quantity", "value", "unit"),
         [
-            *(_own_terms(explanation) if windup is None else _shares(explanation)),
-            (
-                "limits of the handover" if explanation.handing_over else "limits",
-                "none" if free else f"{low:g} … {high:g}",
-                "" if free else "N m",
+            *(
+                _own_terms(explanation, plant)
+                if windup is None
+                else _of_drive(_shares(explanation), plant)
             ),
-            (
-                "command" + (", limited" if explanation.limited else ""),
-                f"{terms.effort:.6g}",
-                "N m",
+            *_of_drive(
+                [
+                    (
+                        "limits of the handover" if explanation.handing_over else "limits",
+                        "none" if free else f"{low:g} … {high:g}",
+                        "" if free else "N m",
+                    ),
+                    (
+                        "command" + (", limited" if explanation.limited else ""),
+                        f"{terms.effort:.6g}",
+                        "N m",
+                    ),
+                    (
+                        ("torque applied to the robot", "not known", "")
+                        if explanation.applied is None
+                        else ("torque applied to the plant", f"{explanation.applied:.6g}", "N m")
+                    ),
+                    *([] if windup is None else _gains(explanation)),
+                ],
+                plant,
             ),
-            (
-                ("torque applied to the robot", "not known", "")
-                if explanation.applied is None
-                else ("torque applied to the plant", f"{explanation.applied:.6g}", "N m")
-            ),
-            *([] if windup is None else _gains(explanation)),
         ],
     )
     if explanation.took_over:
         click.echo(
-            f"{explanation.controller} took over here: it continued from the torque that acted, "
-            "without a jump"
+            plant.of_drive(
+                f"{explanation.controller} took over here: it continued from the torque that acted, "
+                "without a jump"
+            )
         )
     if windup is not None:
         acted = "acted" if windup.acted else "did not act"
@@ -227,6 +250,6 @@ def _show(explanation: Explanation) -> None:
     click.echo(
         "recomputed: equal to the recorded command, bit for bit"
         if explanation.agrees
-        else f"recomputed: {terms.effort!r}, but {explanation.recorded!r} N m is recorded"
+        else f"recomputed: {terms.effort!r}, but {explanation.recorded!r} {unit} is recorded"
         + (", in another arithmetic" if explanation.rounded_otherwise else "")
     )

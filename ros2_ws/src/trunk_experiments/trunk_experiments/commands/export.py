@@ -15,22 +15,22 @@ import click
 import numpy as np
 from mcap.writer import Writer
 
-from trunk_msgs_util import topics as names
-from trunk_msgs_util.files import atomic_write
-from trunk_msgs_util.recording.digests import END, PROVENANCE
-from trunk_msgs_util.recording.joint_table import Floats
-from trunk_msgs_util.recording.mcap_file import McapFile
-from trunk_msgs_util.recording.messages import Messages
-from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.units import NANOSECONDS
+from trunk_core import topics as names
+from trunk_core.arrays import Floats
+from trunk_core.files import atomic_write
+from trunk_core.results import Count, Keyword
+from trunk_core.units import NANOSECONDS
+from trunk_evidence.doubts import RecordingResult, about
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_table import RunTable, all_columns, column_units
+from trunk_recording.digests import END, PROVENANCE
+from trunk_recording.mcap_file import McapFile
+from trunk_recording.messages import Messages
+from trunk_recording.reader import RecordingError
 
-from ..analysis.run_table import RunTable, all_columns, column_units
 from ..console.document import json_option, write_json
-from ..console.options import Number
-from ..console.outputs import FORCE, check_output, is_stream
+from ..console.options import FORCE, Number, check_output, is_stream
 from ..console.reading import open_run, show_damage
-from ..replay.doubts import RecordingResult, about
-from ..results import Count, Keyword
 
 _FORMATS = (".csv", ".parquet", ".npz", ".gif", ".mp4", ".mcap")
 
@@ -108,7 +108,7 @@ def command(
     table: Mapping[str, Any] = {}
     for output, suffix in formats.items():
         if suffix == ".mcap":
-            count = write_mcap(recorded.recording, output, start, end, topics)
+            count = write_mcap(recorded, output, start, end, topics)
             written.append(ExportedFile(output, None, count))
             continue
         table = table or window(all_columns(recorded, RunTable.from_run(recorded)), start, end)
@@ -119,7 +119,7 @@ def command(
         elif suffix == ".npz":
             write_npz(table, output)
         else:
-            from ..views.film import write_gif, write_mp4
+            from trunk_views.animation import write_gif, write_mp4
 
             write = write_gif if suffix == ".gif" else write_mp4
             write(table, recorded.parameters.get("simulator", {}), output)
@@ -194,7 +194,7 @@ def write_npz(columns: Mapping[str, Floats], path: Path) -> None:
 
 
 def write_mcap(
-    recording: Recording,
+    run: RecordedRun,
     path: Path,
     start: float = -inf,
     end: float = inf,
@@ -206,9 +206,9 @@ def write_mcap(
     Parameters set before the window are copied as well, since they apply in it. The end record marks
     anything less than the whole run as incomplete. Raises RecordingError for unknown topics.
     """
-    wanted = _chosen(recording, topics)
+    recording, wanted = run.recording, _chosen(run, topics)
     first, last = _ns(start), _ns(end)
-    parameters = recording.topic(names.RUN_PARAMETERS)
+    parameters = run.topic(names.RUN_PARAMETERS)
     count = 0
     with atomic_write(path) as part, part.open("wb") as file:
         writer = Writer(file, enable_data_crcs=True)
@@ -242,16 +242,16 @@ def write_mcap(
     return count
 
 
-def _chosen(recording: Recording, topics: Collection[str]) -> list[str]:
+def _chosen(run: RecordedRun, topics: Collection[str]) -> list[str]:
     chosen = []
     for name in topics:
-        absolute = name if name.startswith("/") else recording.topic(name)
-        if absolute not in recording.topics:
+        absolute = name if name.startswith("/") else run.topic(name)
+        if absolute not in run.recording.topics:
             raise RecordingError(
-                f"{recording.path} has no topic {absolute}, only {', '.join(recording.topics)}"
+                f"{run.path} has no topic {absolute}, only {', '.join(run.recording.topics)}"
             )
         chosen.append(absolute)
-    return chosen or list(recording.topics)
+    return chosen or list(run.recording.topics)
 
 
 def _span(start: float, end: float) -> str:

@@ -9,25 +9,30 @@ from typing import Annotated
 
 import click
 
-from trunk_control.controller_config import ControllerConfig
+from trunk_control.law import ControllerConfig
 from trunk_control.laws import law_named
-from trunk_msgs_util.files import atomic_write
-from trunk_msgs_util.parameters.declarations import values_of
-from trunk_msgs_util.parameters.files import Layer, Section, check_names, read
-from trunk_msgs_util.provenance import ARITHMETIC
-from trunk_msgs_util.text import shell_words
+from trunk_core.errors import PlanError
+from trunk_core.files import atomic_write
+from trunk_core.parameters.declarations import values_of
+from trunk_core.parameters.parameter_files import Layer, Section, check_names, read
+from trunk_core.results import Keyword, Result
+from trunk_core.text import shell_words
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_recording.provenance import ARITHMETIC
+from trunk_runs.nodes import declared_names
+from trunk_runs.plan import suspicious_units
+from trunk_runs.scenario import config_from, find_file, parse_setting
 
 from ..console.document import json_option, write_json
-from ..console.outputs import check_folder, check_not_read, output_options
-from ..console.plan_options import ControllerName, parameter_options
+from ..console.options import (
+    ControllerName,
+    check_folder,
+    check_not_read,
+    output_options,
+    parameter_options,
+)
 from ..console.reading import open_run
 from ..console.terminal import show_warnings
-from ..errors import PlanError
-from ..plans.files import config_from, find_file, parse_setting
-from ..plans.nodes import declared_names
-from ..plans.plan import suspicious_units
-from ..recorded.run import RecordedRun
-from ..results import Keyword, Result
 
 _DIGEST = Keyword("pattern", "^[0-9a-f]{16}$")
 _SOME = Keyword("minimum", 1)
@@ -39,7 +44,6 @@ class ExportCResult(Result, document="export-c-1"):
 
     controller: str
     name: Annotated[str, "In C: --name, or the controller"]
-    law_alone: Annotated[bool, "Without rate, reference and turns: --law"]
     folder: Path
     files: Annotated[list[Path], Keyword("minItems", 4)]
     parameters: Annotated[str, _DIGEST, "Their digest"]
@@ -70,7 +74,6 @@ class ExportCResult(Result, document="export-c-1"):
 @click.option(
     "--name", help="The name in C, of functions, files and targets; by default CONTROLLER."
 )
-@click.option("--law", "bare", is_flag=True, help="The law's update alone, without rate and turns.")
 @json_option(ExportCResult)
 def command(
     controller: str,
@@ -80,30 +83,26 @@ def command(
     force: bool,
     like: Path | None,
     name: str | None,
-    bare: bool,
     as_json: bool,
 ) -> None:
     """Write CONTROLLER with its parameters as C99: every command has the bits that it has in Python.
 
     Without --params, --set and --like its parameters are the defaults.
     """
-    from ..export_c.controller import ExportedController
-    from ..export_c.files import base_files, check_name
-    from ..export_c.replay import bare_rows, recorded_rows, swinging_rows
+    from ..export_c.exported_controller import ExportedController
+    from ..export_c.library import base_files, check_name, recorded_rows, swinging_rows
 
     name = check_name(controller if name is None else name)
     check_folder(output, force)
     run = None if like is None else open_run(like)
     config = _config(controller, params, settings, run)
-    exported = ExportedController(law_named(controller), config, bare, name)
+    exported = ExportedController(law_named(controller), config, name)
     rows = swinging_rows(exported)
     if run is not None:
         rows = recorded_rows(run, exported)
         if not any(row.compared for row in rows):
             raise PlanError(f"--like {like}: it has no commands of {controller}: give a whole run")
-    if bare:
-        rows = bare_rows(exported, rows)
-    origin = "CPython" if run is None or bare else f"{run.path.name}"
+    origin = "CPython" if run is None else run.path.name
     written = _written(output, base_files(exported, rows), [*params, *([like] if like else [])])
     source = output / f"{name}.c"
     words = ["cc", "-std=c99", "-O2", source, output / "replay.c", "-o", output / "replay"]
@@ -114,7 +113,6 @@ def command(
         result = ExportCResult(
             controller,
             name,
-            bare,
             output,
             written,
             exported.digest,

@@ -10,20 +10,20 @@ from typing import Annotated, NamedTuple
 
 import click
 
-from trunk_msgs_util import topics as names
-from trunk_msgs_util.recording.reader import Recording, Topic
-from trunk_msgs_util.units import seconds
+from trunk_core import topics as names
+from trunk_core.parameters.shared import PLANT_NAME
+from trunk_core.results import Count, Keyword
+from trunk_core.units import seconds
+from trunk_evidence.doctor import ERROR, INFO, WARNING, Finding, findings
+from trunk_evidence.doubts import RecordingResult, about, incomplete
+from trunk_evidence.parameter_text import ChangedParameter, changed_parameters, lines_of
+from trunk_evidence.recorded_run import RecordedRun, links_of
+from trunk_recording.reader import Recording, Topic
 
-from ..analysis.parameter_text import ChangedParameter, changed_parameters, lines_of
 from ..console.document import json_option, write_json
 from ..console.reading import reading
 from ..console.tables import aligned
 from ..console.terminal import show_warnings
-from ..recorded.facts import links_of
-from ..recorded.run import RecordedRun
-from ..replay.doctor import ERROR, INFO, WARNING, Finding, findings
-from ..replay.doubts import RecordingResult, about, incomplete
-from ..results import Count, Keyword
 
 FINE, FINDINGS = 0, 1  # exit codes of --check
 _WIDTH = 80
@@ -73,11 +73,11 @@ def summary(run: RecordedRun) -> InfoResult:
         end=recording.end,
         warnings=recording.warnings,
         recorded_by=recording.library,
-        duration_s=_duration(recording),
+        duration_s=_duration(run),
         scenario=recording.provenance.get("scenario"),
         controllers=tuple(run.acting),
         provenance=recording.provenance,
-        nodes=sorted(recording.parameters()),
+        nodes=sorted(run.first_sets),
         changed=changed_parameters(run),
         links=links_of(run),
         topics={
@@ -99,16 +99,16 @@ def _topic(topic: Topic, gap_ns: int | None) -> TopicContent:
     )
 
 
-def _duration(recording: Recording) -> float | None:
+def _duration(run: RecordedRun) -> float | None:
     """Return the span of the true or measured states, or else of the longest topic, in s."""
     states = (
-        recording.topics.get(recording.topic(name))
+        run.recording.topics.get(run.topic(name))
         for name in (names.GROUND_TRUTH, names.JOINT_STATES)
     )
     best = next((topic for topic in states if topic is not None and topic.count), None)
     spans = [
         topic.last_stamp_ns - topic.first_stamp_ns
-        for topic in ([best] if best else recording.topics.values())
+        for topic in ([best] if best else run.recording.topics.values())
         if topic.first_stamp_ns is not None and topic.last_stamp_ns is not None
     ]
     return seconds(max(spans)) if spans else None
@@ -184,10 +184,12 @@ def command(context: click.Context, run: Path, check: bool, as_json: bool) -> No
     show_warnings(recording.further_warnings)
     files = f" in {len(content.files)} files" if len(content.files) > 1 else ""
     click.echo(f"{run}: {_state(content)}" if recording.complete else f"{run}")
+    plant = recorded.parameters.get("simulator", {}).get(PLANT_NAME)
     overview = {
         "size": _size(content.bytes) + files,
         "duration": "?" if content.duration_s is None else f"{content.duration_s:.10g} s",
         "scenario": content.scenario or "?",
+        **({"plant": str(plant)} if plant else {}),
         "controller": ", ".join(content.controllers) or "none",
         "parameters of": ", ".join(content.nodes) or "no node",
         "recorded by": content.recorded_by or "?",
@@ -220,7 +222,7 @@ def exit_code(problems: list[Finding]) -> int:
 def _checked(run: Path, as_json: bool) -> int:
     """Report what is wrong with a recording; return the exit code."""
     with reading(run, "examining") as tell:
-        recorded = RecordedRun(Recording.open(run, tell, whole=True))
+        recorded = RecordedRun(Recording.open(run, tell, digests=True))
         problems = findings(recorded)
     code = exit_code(problems)
     if as_json:

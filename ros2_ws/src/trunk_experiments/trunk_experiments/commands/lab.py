@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,15 +10,23 @@ from typing import Annotated, Any
 
 import click
 
-from trunk_msgs_util.parameters.declarations import values_of
+from trunk_core.errors import PlanError
+from trunk_core.parameters.declarations import values_of
+from trunk_core.parameters.parameter_files import Layer, read
+from trunk_core.results import Keyword, Result
+from trunk_runs.plan import RunPlan
+from trunk_runs.scenario import find_file, parse_setting
 
 from ..console.document import json_option, write_json
-from ..console.outputs import check_output, output_options
-from ..console.plan_options import HAND, files_read, plan_of, plan_options, push_option
-from ..errors import PlanError
-from ..plans.files import parse_setting
-from ..plans.plan import RunPlan
-from ..results import Keyword, Result
+from ..console.options import (
+    HAND,
+    check_output,
+    files_read,
+    output_options,
+    plan_of,
+    plan_options,
+    push_option,
+)
 
 _OF_SEVERAL = (
     "A controller of the lab; they run side by side, each on a trunk of its own; repeatable."
@@ -104,14 +112,14 @@ def _plan(
 ) -> tuple[RunPlan, list[str]]:
     """Return the plan with one of the controllers, and the words of the command that runs it."""
     others = {other for other in controllers if other != name}
-    settings = [text for text in options["settings"] if not _nodes_of(text) <= others]
-    own = {**options, "settings": settings}
+    files = [path for path in options["params"] if not _is_for(others, read(find_file(path)))]
+    settings = [text for text in options["settings"] if not _is_for(others, parse_setting(text))]
+    own = {**options, "params": files, "settings": settings}
     plan = plan_of(controller=name, below=HAND, **own)
-    without = plan_of(controller=name, **own)
-    before, after = values_of(without.simulator), values_of(plan.simulator)
-    hand = [f"simulator.{key}={after[key]!r}" for key in HAND if after[key] != before[key]]
+    pushed = values_of(plan.simulator)
+    hand = [f"simulator.{key}={value!r}" for key, value in HAND.items() if pushed[key] == value]
     words = ["trunk", "simulate", options["scenario"], "--controller", name]
-    for option, values in (("--params", options["params"]), ("--set", [*settings, *hand])):
+    for option, values in (("--params", files), ("--set", [*settings, *hand])):
         words += [word for value in values for word in (option, value)]
     words += [word for push in options["pushes"] for word in ("--push", push)]
     for option in ("duration", "rate"):
@@ -120,5 +128,6 @@ def _plan(
     return plan, words
 
 
-def _nodes_of(setting: str) -> set[str]:
-    return {section.pattern for section in parse_setting(setting).sections}
+def _is_for(controllers: Set[str], layer: Layer) -> bool:
+    """Return True for a layer that sets parameters of some controllers, and of no other node."""
+    return set() < {section.last_token for section in layer.sections} <= controllers

@@ -10,36 +10,36 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.parameters.declarations import (
+from trunk_core.errors import PlanError, TrunkError
+from trunk_core.parameters.declarations import (
     UnitError,
     declarations,
     index_in,
     table_of,
     values_of,
 )
-from trunk_msgs_util.parameters.to_si import number_in, units_of
+from trunk_core.parameters.to_si import number_in, units_of
+from trunk_runs.plan import RunPlan, make_plan
+from trunk_runs.timeline import parse_push, valued
 
 from ..console.document import json_option, write_json
 from ..console.options import (
+    ControllerName,
     FiniteRange,
     WholeRange,
+    check_output,
     device_option,
     exclude,
     names_or_files,
+    output_options,
+    parameter_options,
     studies,
 )
-from ..console.outputs import check_output, output_options
-from ..console.plan_options import ControllerName, parameter_options
-from ..console.progress import progress_bar
 from ..console.tables import print_table
-from ..console.terminal import show_warnings
-from ..errors import PlanError
-from ..plans.plan import RunPlan, make_plan
-from ..plans.pushes import UNITS, parse_push, valued
+from ..console.terminal import progress_bar, show_warnings
 
 if TYPE_CHECKING:
-    from ..study.limit import Limit, SurvivalPoint
+    from trunk_studies.robustness import Limit, SurvivalPoint
 
 PlanOf = Callable[[str, str], RunPlan]  # of a controller, with a value
 
@@ -95,7 +95,7 @@ PlanOf = Callable[[str, str], RunPlan]  # of a controller, with a value
     "A folder for the two recordings on either side; with --study, the picture.",
     force="Replace files that exist.",
 )
-@json_option("study.limit:LimitResult")
+@json_option("trunk_studies.robustness:LimitResult")
 def command(
     scenario: str | None,
     vary: str | None,
@@ -131,16 +131,17 @@ def command(
         return
     if device != "cpu":
         raise PlanError(f"--device {device}: it is for --study alone: leave it out")
-    from ..study.limit import LimitResult, condition_lines, conditions_of
+    from trunk_studies.robustness import LimitResult, condition_lines, conditions_of
 
     make = partial(_plan, str(scenario), params, settings, vary, push)
     names = controllers or ("pid", "fuzzy_pid")
     last, first = (_end(make, names[0], vary, *end) for end in (("--to", high), ("--from", low)))
-    pushed = None if push is None else parse_push(valued(push, low), 0.0)
+    plant = last.simulator.kind
+    pushed = None if push is None else parse_push(valued(push, low), 0.0, plant)
     title = vary or "push"
     others = first if last.disturbance is None else last
     if pushed is not None:
-        bounds, unit = _numbers(low, high, UNITS[pushed.channel])
+        bounds, unit = _numbers(low, high, plant.channel_units[pushed.channel])
         others = make_plan(str(scenario), names[0], params, settings)
     else:
         bounds, unit = _range({**first.configs, **last.configs}, title, low, high)
@@ -160,7 +161,7 @@ def command(
         write_json(LimitResult(title, unit, *conditions, [*limits.values()], []))
         return
     _show(limits, title, unit, bounds)
-    click.echo("\n".join(condition_lines(conditions)))
+    click.echo("\n".join(condition_lines(conditions, plant)))
     for path in (path for limit in limits.values() for path in limit.recordings):
         click.echo(f"recording: {path}")
 
@@ -223,7 +224,7 @@ def _numbers(low: str, high: str, unit: str) -> tuple[tuple[float, float], str]:
 def _limits(
     make: PlanOf, names: tuple[str, ...], bounds: tuple[float, float], within: float
 ) -> dict[str, Limit]:
-    from ..study.limit import find_limit, most_runs
+    from trunk_studies.robustness import find_limit, most_runs
 
     first, last = bounds
     exact = within * abs(last - first)
@@ -248,9 +249,8 @@ def _at(make: PlanOf, name: str, value: float) -> RunPlan:
 
 def _record(make: PlanOf, limit: Limit, files: list[Path], force: bool) -> Limit:
     """Record the runs on either side of a limit, as far as there are any; return it with the files."""
+    from trunk_runs.offline_recording import record_offline
     from trunk_sim.simulation import DivergedError
-
-    from ..runs.offline_recording import record_offline
 
     written = []
     for value, path in zip((limit.stands, limit.falls), files, strict=True):
@@ -294,13 +294,14 @@ def _study(
 ) -> None:  # fmt: skip
     import numpy as np
 
-    from ..study.limit import LimitResult, condition_lines, conditions_of, survival
-    from ..study.rows import make_bases
-    from ..study.study import Target, read_study
-    from .study.sweep import maker_on
+    from trunk_studies.robustness import LimitResult, condition_lines, conditions_of, survival
+    from trunk_studies.rows import make_bases
+    from trunk_studies.study import Target, read_study
+
+    from .sweep import maker_on
 
     if output is not None:
-        from ..views.plots import SUFFIXES
+        from trunk_views.plots import SUFFIXES
 
         check_output(output, tuple(SUFFIXES), force, [name])
     maker = maker_on(device)
@@ -325,8 +326,8 @@ def _study(
         curves = survival(study, target, values, progress, maker)
     show_warnings(maker.remarks() if maker else [])
     if output is not None:
-        from ..study.map import draw_survival
-        from ..views.plots import save, with_unit
+        from trunk_studies.stability_map import draw_survival
+        from trunk_views.plots import save, with_unit
 
         title = f"{name}: {next(iter(curves.values())).runs} runs at each value, 95 % intervals"
         save(draw_survival(curves, with_unit(vary, unit), title), output)
@@ -346,7 +347,7 @@ def _study(
         half = curve.half_falls_at
         at = "not reached" if half is None else f"{scale * half:.4g} {unit}"
         click.echo(f"half of them fall, {controller}: {at}")
-    click.echo("\n".join(condition_lines(conditions)))
+    click.echo("\n".join(condition_lines(conditions, plan.simulator.kind)))
     if output is not None:
         click.echo(f"picture: {output}")
 

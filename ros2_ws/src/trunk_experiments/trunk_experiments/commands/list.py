@@ -9,13 +9,15 @@ from typing import Annotated, NamedTuple
 
 import click
 
+from trunk_core.errors import PlanError
+from trunk_core.results import Result, number
+from trunk_evidence.doubts import RecordingResult, Word, about, doubts_of
+
 from ..console.document import json_option, schemas, write_json
 from ..console.reading import open_run
 from ..console.tables import aligned, print_table
+from ..console.terminal import show_warnings
 from ..console.verbs import Verbs
-from ..errors import PlanError
-from ..replay.doubts import RecordingResult, Word, about, doubts_of
-from ..results import Result, number
 
 # Column headings of the metrics by which docs/paper.md judges.
 _SHOWN = {
@@ -87,6 +89,29 @@ class ListControllersResult(Result, document="list-controllers-1"):
     controllers: Mapping[str, ListedController]
 
 
+class ListedCoordinate(NamedTuple):
+    """What moves in a plant."""
+
+    joint: str
+    unit: str
+
+
+class ListedPlant(NamedTuple):
+    """A plant: what it is called, who brings it, what moves in it."""
+
+    label: str
+    package: str
+    coordinates: Annotated[Sequence[ListedCoordinate], "The free one, then the held one"]
+    drive: Annotated[str, "The joint that the command pushes"]
+
+
+@dataclass(frozen=True)
+class ListPlantsResult(Result, document="list-plants-1"):
+    """The document of ``trunk list plants``."""
+
+    plants: Mapping[str, ListedPlant]
+
+
 class _Lists(Verbs):
     """Alone, it says what it can list."""
 
@@ -96,7 +121,7 @@ class _Lists(Verbs):
 
 @click.group("list", cls=_Lists)
 def command() -> None:
-    """List recorded runs, or what is shipped: scenarios, files, studies, controllers, schemas."""
+    """List recorded runs, or what there is: scenarios, files, studies, controllers, plants, schemas."""
 
 
 def recordings_in(folder: Path) -> list[Path]:
@@ -115,10 +140,8 @@ def listed(path: Path, judge: bool = False) -> ListedRun:
 
     ``judge``: recompute it, as trunk verify does; otherwise it is unjudged.
     """
-    from trunk_msgs_util.errors import TrunkError
-
-    from ..analysis.metrics import metrics
-    from ..analysis.run_table import RunTable
+    from trunk_core.errors import TrunkError
+    from trunk_evidence.run_table import RunTable, metrics
 
     try:
         run = open_run(path)
@@ -142,9 +165,9 @@ def listed(path: Path, judge: bool = False) -> ListedRun:
 
 
 def _verdict(path: Path) -> Word:
-    from trunk_msgs_util.errors import TrunkError
+    from trunk_core.errors import TrunkError
+    from trunk_evidence.verdict import Verdict
 
-    from ..replay.verdict import Verdict
     from .verify import judged
 
     try:
@@ -212,7 +235,7 @@ def _metric(run: ListedRun, name: str) -> str:
 @json_option(ListFilesResult)
 def scenarios(as_json: bool) -> None:
     """List the shipped scenarios: what happens in each; trunk list files has their paths."""
-    from ..plans.files import SCENARIOS, shipped_files
+    from trunk_runs.scenario import SCENARIOS, shipped_files
 
     files = {name: path for name, path in shipped_files().items() if name in SCENARIOS}
     if as_json:
@@ -229,7 +252,7 @@ def scenarios(as_json: bool) -> None:
 @json_option(ListFilesResult)
 def parameter_files(as_json: bool) -> None:
     """List the shipped parameter files."""
-    from ..plans.files import shipped_files
+    from trunk_runs.scenario import shipped_files
 
     _files(shipped_files(), as_json)
 
@@ -238,7 +261,7 @@ def parameter_files(as_json: bool) -> None:
 @json_option(ListFilesResult)
 def studies(as_json: bool) -> None:
     """List the shipped studies."""
-    from ..study.study import shipped_studies
+    from trunk_studies.study import shipped_studies
 
     _files(shipped_studies(), as_json)
 
@@ -260,8 +283,7 @@ def json_schemas(ctx: click.Context, as_json: bool) -> None:
 def controllers(as_json: bool) -> None:
     """List the controllers, with the commands that start them."""
     from trunk_control.laws import law_named
-
-    from ..plans.nodes import CONTROLLERS, NODES
+    from trunk_runs.nodes import CONTROLLERS, NODES
 
     if as_json:
         entries = {
@@ -276,6 +298,37 @@ def controllers(as_json: bool) -> None:
         (name, f"{law_named(name).label}: ros2 run {NODES[name].package} {name}")
         for name in CONTROLLERS
     ]
+    click.echo("\n".join(aligned(rows)))
+
+
+@command.command("plants")
+@json_option(ListPlantsResult)
+def plants(as_json: bool) -> None:
+    """List the plants: the package of each, its coordinates, the one that the command pushes."""
+    from trunk_core.plugins import PluginError
+    from trunk_sim.plant import PLANTS
+
+    entries: dict[str, ListedPlant] = {}
+    for name in PLANTS.names:
+        try:
+            plant = PLANTS.named(name)
+        except PluginError as error:
+            show_warnings([f"{error}; the other plants can be used"])
+            continue
+        entries[name] = ListedPlant(
+            plant.label,
+            PLANTS.package_of(name),
+            [ListedCoordinate(*coordinate) for coordinate in plant.coordinates],
+            plant.driven.joint,
+        )
+    if as_json:
+        write_json(ListPlantsResult(entries))
+        return
+    rows = []
+    for name, entry in entries.items():
+        moves = ", ".join(f"{joint} [{unit}]" for joint, unit in entry.coordinates)
+        drive = f"{entry.drive} is pushed"
+        rows.append((name, f"{entry.label} ({entry.package}): {moves}; {drive}"))
     click.echo("\n".join(aligned(rows)))
 
 

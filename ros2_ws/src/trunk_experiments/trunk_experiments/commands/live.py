@@ -2,36 +2,87 @@
 
 from __future__ import annotations
 
+import ipaddress
 import tempfile
+import time
+from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
+from trunk_core.errors import GatewayError, PlanError, RunError
+from trunk_core.results import Result
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_msgs_util.node import middleware
 from trunk_msgs_util.node.early_signals import Interrupt
+from trunk_runs.graph import run_graph
+from trunk_runs.processes import check_nodes_installed, claimed_domain, connection_lines
+from trunk_runs.run_files import GATEWAY_LOG, RunFiles
+from trunk_runs.scenario import checked_namespace
+from trunk_views.live.access import origin_of
+from trunk_views.live.process import LOOPBACK, GatewayProcess
 
-from ..console.document import json_option
-from ..console.options import exclude
-from ..console.outputs import check_not_read, output_options
-from ..console.page import PageResult, checked_host, page_options, serve, show_address
-from ..console.plan_options import HAND, external_option, files_read, plan_of, plan_options
-from ..console.terminal import line_of, report_error
-from ..errors import GatewayError, PlanError, RunError
-from ..gateway.process import GatewayProcess
-from ..plans.files import checked_namespace
-from ..recorded.run import RecordedRun
-from ..runs.graph import run_graph
-from ..runs.launching import connection_lines
-from ..runs.node_processes import check_nodes_installed, claimed_domain
-from ..runs.run_files import GATEWAY_LOG, RunFiles
+from ..console.document import json_option, write_json
+from ..console.options import (
+    HAND,
+    WholeRange,
+    check_not_read,
+    exclude,
+    external_option,
+    files_read,
+    output_options,
+    plan_of,
+    plan_options,
+)
+from ..console.terminal import line_of, open_page, report_error
 from .run import show_run
 
 _REPORT = "report.html"
 _OF_THE_PAGE = ("attach", "host", "port", "url", "browser", "as_json")
+_LOOK_S = 0.05
+
+
+def _page_options(function: Any) -> Any:
+    """Add ``--host``, ``--port`` and ``--url``."""
+    for option in (
+        click.option(
+            "--url",
+            default="",
+            metavar="URL",
+            callback=lambda context, option, url: _checked_url(url),
+            help="What browsers open, such as http://127.0.0.1:8080, where a container's port, a tunnel or "
+            "a proxy leads to the page; any other address is refused.  [default: host and port]",
+        ),
+        click.option(
+            "--port",
+            type=WholeRange(0, 65535),
+            default=0,
+            help="Port of the page.  [default: a free one]",
+        ),
+        click.option(
+            "--host",
+            default=LOOPBACK,
+            show_default=True,
+            metavar="ADDRESS",
+            help="Address of this machine for the page; any but the default is open to other machines.",
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+@dataclass(frozen=True)
+class PageResult(Result, document="page-1"):
+    """The document of ``trunk live``."""
+
+    address: Annotated[str, "Of the page, to control the run"]
+    watch_address: Annotated[str, "Of the page, to watch only"]
+    recording: Annotated[Path | None, "Written; null for a graph that was joined"]
 
 
 @click.command("live")
@@ -56,7 +107,7 @@ _OF_THE_PAGE = ("attach", "host", "port", "url", "browser", "as_json")
     metavar="NAMESPACE",
     help="Join the graph that is running in this namespace; / for none.",
 )
-@page_options
+@_page_options
 @click.option(
     "--browser/--no-browser", default=True, help="Open the page in a browser, where there is one."
 )
@@ -78,11 +129,11 @@ def command(
 ) -> None:
     """Run SCENARIO in the ROS 2 graph with a page in a browser: push the trunk, tune, swap controllers.
 
-    SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.  [default: demo]
+    SCENARIO is fig6, fig7, fig8, fig9, demo, cart_pole, or the path of a parameter file.  [default: demo]
 
     The run goes on until it is stopped, in the page or by Ctrl-C, and is recorded.
     """
-    host = checked_host(host, url)
+    host = _checked_host(host, url)
     paced_by_clock = _paced_by_clock(realtime, lockstep, options["external"] is not None)
     middleware.prepare()
     if attach is not None:
@@ -117,7 +168,7 @@ def command(
     }
     gateway = GatewayProcess(files.logs / GATEWAY_LOG, host, port, shown, url)
     with closing(gateway):
-        show_address(gateway, browser, files.recording, as_json=as_json)
+        _show_address(gateway, browser, files.recording, as_json=as_json)
         for line in connection_lines(plan) if plan.external is not None else ():
             click.echo(line)
         click.echo(f"{plan.scenario}, {plan.turns}: runs until it is stopped, here with Ctrl-C")
@@ -167,16 +218,16 @@ def _attach(namespace: str, host: str, port: int, url: str, browser: bool, as_js
         log = Path(folder) / GATEWAY_LOG
         gateway = GatewayProcess(log, host, port, {"namespace": namespace}, url)
         with Interrupt() as interrupt, closing(gateway):
-            show_address(gateway, browser, None, as_json=as_json)
+            _show_address(gateway, browser, None, as_json=as_json)
             click.echo(f"the graph in {namespace or '/'}: until Ctrl-C, which ends only the page")
-            serve(gateway, interrupt)
+            _serve(gateway, interrupt)
 
 
 def _show_report(gateway: GatewayProcess, run: RecordedRun, path: Path) -> None:
     """Write the run's report, and serve it until every page has opened it or was closed, or Ctrl-C."""
     click.echo("making the report")
-    from ..views.report import make_report, write
-    from ..views.run_view import RunView
+    from trunk_views.run_report import make_report, write
+    from trunk_views.run_view import RunView
 
     write(make_report([RunView.read(run)]), path)
     click.echo(f"report: {path}")
@@ -188,4 +239,54 @@ def _show_report(gateway: GatewayProcess, run: RecordedRun, path: Path) -> None:
         return word == "left"
 
     with Interrupt() as interrupt:
-        serve(gateway, interrupt, left)
+        _serve(gateway, interrupt, left)
+
+
+def _checked_host(host: str, url: str) -> str:
+    """Return the address to serve on.
+
+    Raises PlanError for a name, and for all addresses at once where no ``url`` says what browsers open.
+    """
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        address = None
+    if address is None or (address.is_unspecified and not url):
+        raise PlanError(
+            f"--host {host}: give one address of this machine, at which browsers will reach it, such as "
+            f"{LOOPBACK}; all of them, 0.0.0.0, need --url, the address that browsers open"
+        )
+    return str(address)
+
+
+def _checked_url(url: str) -> str:
+    try:
+        return origin_of(url) if url else ""
+    except ValueError as error:
+        raise PlanError(f"--url {url}: {error}") from None
+
+
+def _show_address(
+    gateway: GatewayProcess, browser: bool, recording: Path | None, as_json: bool = False
+) -> None:
+    """Print the page's addresses, and open the first one in a browser, where there is one."""
+    watch = gateway.address(gateway.tokens.watch)
+    address = gateway.address(gateway.tokens.control)
+    if as_json:
+        write_json(PageResult(address, watch, recording))
+    click.echo(f"page: {address}")
+    click.echo(f"to watch only: {watch}")
+    if browser:
+        open_page(address)
+
+
+def _serve(
+    gateway: GatewayProcess,
+    interrupt: Interrupt,
+    over: Callable[[str], bool] = lambda word: False,
+) -> None:
+    """Keep the gateway up until it is interrupted, or until a word from it is ``over``."""
+    while not interrupt.name:
+        if any(over(word) for word in gateway.words()):
+            return
+        time.sleep(_LOOK_S)

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 
 import click
 
+from trunk_core.errors import PlanError
+from trunk_runs.nodes import CONTROLLERS
+from trunk_runs.plan import RunPlan
+
 from ..console.document import json_option, write_json
-from ..console.outputs import check_output, output_options
-from ..console.plan_options import ControllerName, loop_options, loop_plan
+from ..console.options import ControllerName, check_output, loop_options, loop_plan, output_options
 from ..console.tables import print_table
 from ..console.terminal import show_warnings
-from ..errors import PlanError
-from ..plans.nodes import CONTROLLERS
-from ..plans.plan import RunPlan
 
 if TYPE_CHECKING:
-    from ..tuning.margins import LoopMargins
+    from trunk_studies.tuning.stability_margins import LoopMargins
 
 
 @click.command("margins")
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 )
 @loop_options
 @output_options("Also a picture: Bode, Nyquist, root locus and step; .png, .svg or .pdf.")
-@json_option("tuning.margins:MarginsResult")
+@json_option("trunk_studies.tuning.stability_margins:MarginsResult")
 def command(
     run: Path | None,
     controller: str | None,
@@ -45,12 +45,12 @@ def command(
     profile is profile_practical unless --params gives another. docs/tuning.md says what each column means,
     and which margins are thin.
     """
-    from ..tuning.margins import MarginsResult, plan_margins
+    from trunk_studies.tuning.stability_margins import MarginsResult, plan_margins
 
     if str(run) in CONTROLLERS and not Path(str(run)).exists():
         raise PlanError(f"{run} is a controller: give --controller {run}")
     if output is not None:
-        from ..views.plots import SUFFIXES
+        from trunk_views.plots import SUFFIXES
 
         check_output(output, tuple(SUFFIXES), force, [run] if run else list(params))
     if run is None:
@@ -60,18 +60,23 @@ def command(
             f"{run} brings its own parameters: give a RUN, or --controller and --params"
         )
     else:
-        from ..recorded.run import RecordedRun
+        from trunk_evidence.recorded_run import RecordedRun
 
         plan = RecordedRun.open(run).plan()
     show_warnings(plan.warnings)
     rows = plan_margins(plan)
     if output is not None:
-        from ..tuning.margins import draw
-        from ..views.plots import save
+        from trunk_studies.tuning.stability_margins import draw
+        from trunk_views.plots import save
 
         rate_text = f"{plan.controller.update_rate:g} Hz"
         drawn = [row for row in rows if row.at in plan.controllers]
-        save(draw(drawn, f"{plan.turns} at {rate_text}, about the upright"), output)
+        save(
+            draw(
+                drawn, f"{plan.turns} at {rate_text}, about the upright", plan.simulator.kind.words
+            ),
+            output,
+        )
     if as_json:
         show_warnings(margin_warnings(plan, rows))
         write_json(MarginsResult(run, output, plan.controller.update_rate, rows))
@@ -82,14 +87,24 @@ def command(
 
 
 def margin_warnings(plan: RunPlan, rows: Sequence[LoopMargins]) -> list[str]:
-    """Return the reasons to doubt margins: thin ones, a model of another plant, what is left out."""
-    from ..tuning.linear import left_out
-    from ..tuning.margins import other_plants, weakness
+    """Return the reasons to doubt margins: thin ones, a model of another plant, what is left out.
 
+    Of a plant without a prescribed row also which controllers leave the first coordinate to itself.
+    """
+    from trunk_runs.plan import does_not_hold
+    from trunk_studies.tuning.linear import left_out
+    from trunk_studies.tuning.stability_margins import other_plants, weakness
+
+    kind = plan.simulator.kind
+    first = kind.coordinates[0].joint
+    alone = [
+        does_not_hold(row.at, kind) for row in rows if kind.held is None and row.loop.held == 0
+    ]
     weak = ((row, weakness(row)) for row in rows)
     return [
         *other_plants(plan),
-        *(f"{row.at}, hip {row.hip}: {text}" for row, text in weak if text),
+        *(f"{row.at}, {first} {row.hip}: {text}" for row, text in weak if text),
+        *(line for line in alone if line not in plan.warnings),
         *left_out(plan.simulator),
     ]
 
@@ -97,6 +112,7 @@ def margin_warnings(plan: RunPlan, rows: Sequence[LoopMargins]) -> list[str]:
 def print_margins(plan: RunPlan, rows: Sequence[LoopMargins]) -> None:
     """Print margins as a table, after what makes them doubtful."""
     show_warnings(margin_warnings(plan, rows))
+    kind = plan.simulator.kind
     cells = []
     for row in rows:
         m = row.margins
@@ -111,7 +127,15 @@ def print_margins(plan: RunPlan, rows: Sequence[LoopMargins]) -> None:
             )
         cells.append((row.at, row.hip, *numbers, f"{row.spectral_radius:.6f}"))
     print_table(
-        f"margins of the sampled loop at {plan.controller.update_rate:g} Hz, linearised trunk",
-        ("at", "hip", "gain, factor", "phase °", "modulus", "delay ms", "radius"),
+        f"margins of the sampled loop at {plan.controller.update_rate:g} Hz, linearised {kind.label.lower()}",
+        (
+            "at",
+            kind.coordinates[0].joint,
+            "gain, factor",
+            "phase °",
+            "modulus",
+            "delay ms",
+            "radius",
+        ),
         cells,
     )

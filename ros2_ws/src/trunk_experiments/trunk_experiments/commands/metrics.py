@@ -7,17 +7,17 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.errors import RecordingError
-from trunk_msgs_util.files import resolve_path
+from trunk_core.errors import RecordingError
+from trunk_core.files import resolve_path
+from trunk_evidence.doubts import RecordingResult, about, doubts_of
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.run_metrics import Metrics
+from trunk_evidence.run_table import keep_for_metrics, recorded_metrics
 
-from ..analysis.metrics import Metrics
-from ..analysis.run_table import keep_for_metrics, recorded_metrics
 from ..console.document import json_option, write_json
 from ..console.reading import open_run
 from ..console.tables import print_table
 from ..console.terminal import show_warnings
-from ..recorded.run import RecordedRun
-from ..replay.doubts import RecordingResult, about, doubts_of
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,10 @@ def show_metrics(run: RecordedRun, title: str) -> None:
     print_table(
         f"{title}, INCOMPLETE" if not doubts.complete else title,
         ("quantity", "value", "unit"),
-        [(label, value, unit.replace("·", " ")) for label, value, unit in measured.rows()],
+        [
+            (run.of_drive(label), value, run.of_drive(unit).replace("·", " "))
+            for label, value, unit in measured.rows()
+        ],
     )
 
 

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
+from trunk_core.errors import PlanError
+
 from ..console.document import json_option, write_json
-from ..console.outputs import check_folder, output_options
-from ..console.progress import steps_told
+from ..console.options import check_folder, output_options
 from ..console.tables import print_table
-from ..errors import PlanError
+from ..console.terminal import steps_told
 
 if TYPE_CHECKING:
-    from ..paper.reproduction import Reproduction
+    from trunk_studies.paper.reproduction import Reproduction
 
 
 @click.command("paper")
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Also each figure's experiment as a page that runs it in a browser; needs clang and lld.",
 )
-@json_option("paper.reproduction:PaperResult")
+@json_option("trunk_studies.paper.reproduction:PaperResult")
 @click.pass_context
 def command(
     context: click.Context,
@@ -47,11 +48,12 @@ def command(
 
     Exit code 1 if a graph run's bits differ from the offline run's, or an erratum is not shown.
     """
-    from ..lab.wasm import missing_tools
-    from ..paper.report import write_report
-    from ..paper.reproduction import PaperResult, paper_numbers, reproduce
-    from ..paper.runs import FIGURES
-    from ..runs.node_processes import check_nodes_installed
+    from trunk_runs.processes import check_nodes_installed
+    from trunk_studies.paper.claims import FIGURES
+    from trunk_studies.paper.reproduction import PaperResult, paper_numbers, reproduce
+    from trunk_studies.paper.reproduction_report import write_report
+
+    from ..lab.webassembly import missing_tools
     from .lab import write_lab
 
     if graph:
@@ -76,7 +78,7 @@ def command(
 
 
 def _show(result: Reproduction, report: Path, graph: bool) -> None:
-    from ..paper.report import lead
+    from trunk_studies.paper.reproduction_report import lead
 
     click.echo(f"{lead(result)}\n")
     print_table(

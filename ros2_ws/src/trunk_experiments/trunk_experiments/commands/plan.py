@@ -8,20 +8,22 @@ from typing import Annotated, Any
 
 import click
 
-from trunk_msgs_util.text import shell_words
+from trunk_core.text import shell_words
+from trunk_runs.processes import connection_lines, launch_nodes
+from trunk_runs.scenario import checked_namespace
 
 from ..console.document import json_option, write_json
-from ..console.outputs import OutputResult, check_output, output_options
-from ..console.plan_options import (
+from ..console.options import (
+    OutputResult,
     PlanResult,
     about_plan,
+    check_output,
     external_option,
     files_read,
+    output_options,
     plan_of,
     plan_options,
 )
-from ..plans.files import checked_namespace
-from ..runs.launching import connection_lines, launch_nodes
 
 
 @dataclass(frozen=True)

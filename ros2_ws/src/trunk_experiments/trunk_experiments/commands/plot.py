@@ -9,13 +9,13 @@ from typing import Annotated
 
 import click
 
+from trunk_core.results import Keyword
+from trunk_evidence.doubts import RecordingResult, about, doubts_of
+
 from ..console.document import json_option, write_json
-from ..console.options import WholeRange
-from ..console.outputs import OutputResult, check_output, default_name, output_options
+from ..console.options import OutputResult, WholeRange, check_output, default_name, output_options
 from ..console.reading import open_views, show_warnings_of
 from ..console.terminal import show_warnings
-from ..replay.doubts import RecordingResult, about, doubts_of
-from ..results import Keyword
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def command(
     """Draw one recorded run, or several overlaid, as PNG, SVG or PDF."""
     if rules and (number or len(runs) > 1):
         raise click.UsageError(f"--{rules}: give one run, and no --fig")
-    from ..views.plots import SUFFIXES, overview, paper_figure, save
+    from trunk_views.plots import SUFFIXES, overview, paper_figure, save
 
     default = Path(f"fig{number}.png") if number else default_name(runs[0], ".png")
     default = default.with_stem(f"{default.stem}_{rules}") if rules else default
@@ -74,7 +74,7 @@ def command(
             show_warnings([f"{view.path}: its scenario is {scenario!r}, not 'fig{number}'"])
     show_warnings_of(views)
     if rules:
-        from ..views import rule_plots
+        from trunk_views import rule_plots
 
         figure = (rule_plots.surface if rules == "surface" else rule_plots.memberships)(views[0])
     else:

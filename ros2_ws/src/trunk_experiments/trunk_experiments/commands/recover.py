@@ -9,14 +9,14 @@ from typing import Annotated
 
 import click
 
-from trunk_msgs_util.recording.bag_folder import bag_folder
-from trunk_msgs_util.recording.reader import RecordingError
-from trunk_msgs_util.recording.recover import recover
+from trunk_core.results import Count, Named, Result
+from trunk_recording.bag_folder import bag_folder
+from trunk_recording.reader import RecordingError
+from trunk_recording.repair import recover
 
 from ..console.document import json_option, write_json
-from ..console.outputs import check_output, output_options
+from ..console.options import check_output, output_options
 from ..console.reading import WrittenResult, about_written
-from ..results import Count, Named, Result
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,21 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import click
 
-from trunk_msgs_util.files import atomic_write
-from trunk_msgs_util.parameters.files import read, write
+from trunk_core.errors import PlanError
+from trunk_core.files import atomic_write
+from trunk_core.parameters.parameter_files import read, write
+from trunk_core.results import Keyword, Result
 
 from ..console.document import json_option, write_json
-from ..console.options import FiniteRange
-from ..console.outputs import check_output, output_options
-from ..console.plan_options import ControllerName, parameter_options
+from ..console.options import (
+    ControllerName,
+    FiniteRange,
+    check_output,
+    output_options,
+    parameter_options,
+)
 from ..console.terminal import show_warnings
 from ..console.verbs import Verbs
-from ..errors import PlanError
-from ..results import Keyword, Result
 
 _INPUTS = {"e": "e", "e_dot": "e_dot", "ė": "e_dot"}
 _OUTPUTS = {name: name for name in ("u", "kp", "kd", "alpha")}
@@ -111,20 +115,28 @@ def read_command(
     """
     check_output(output, (".yaml", ".yml"), force, [file])
     if picture is not None:
-        from ..views.plots import SUFFIXES
+        from trunk_views.plots import SUFFIXES
 
         check_output(
             picture, tuple(SUFFIXES), force, [file, output], "--picture", chooses_format=True
         )
     names = _pairs("--input", inputs, _INPUTS), _pairs("--output-variable", outputs, _OUTPUTS)
-    from ..rulebase.importing import import_rules
+    from trunk_control.rulebase.importing import import_rules
 
     imported = import_rules(file, *names, tolerance)
     if picture is not None:
-        from ..rulebase.picture import draw
-        from ..views.plots import save
+        from trunk_views.plots import save
+        from trunk_views.rule_plots import both_surfaces
 
-        save(draw(imported, f"{file.name}: {imported.text}"), picture)
+        table = imported.table
+        figure = both_surfaces(
+            imported.outputs,
+            (table.error_peaks, table.rate_peaks),
+            imported.surface,
+            table.at,
+            f"{file.name}: {imported.text}",
+        )
+        save(figure, picture)
     write(output, {imported.node: imported.values})
     for term in imported.silent:
         click.echo(f"trunk: warning: {term} is 0 over the whole range", err=True)
@@ -195,8 +207,8 @@ def write_command(
     Inputs e in rad and e_dot in rad/s; outputs kp and kd from 0 to 1 and alpha, or u in N m. trunk rules
     read takes the file back into the same parameters.
     """
-    from ..plans.plan import make_plan
-    from ..rulebase.exporting import FORMATS, written
+    from trunk_control.rulebase.exporting import FORMATS, written
+    from trunk_runs.plan import make_plan
 
     check_output(output, tuple(FORMATS), force, params, chooses_format=True)
     name = controller or _named(params)
@@ -218,7 +230,7 @@ def write_command(
 
 def _named(params: Sequence[str]) -> str:
     """Return the controller with rules whose parameters the last file has."""
-    from ..plans.files import find_file
+    from trunk_runs.scenario import find_file
 
     for name in reversed(params):
         sections = {section.last_token for section in read(find_file(name)).sections}

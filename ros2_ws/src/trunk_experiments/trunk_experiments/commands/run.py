@@ -8,37 +8,34 @@ from typing import Annotated, Any
 
 import click
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.errors import RecordingError
+from trunk_core import topics
+from trunk_core.errors import PlanError, RecordingError, RunError
+from trunk_core.results import Count
+from trunk_evidence.doubts import RecordingResult, about, doubts_of
+from trunk_evidence.recorded_run import RecordedRun, silence_of
+from trunk_evidence.run_metrics import Metrics
+from trunk_evidence.run_table import recorded_metrics
 from trunk_msgs_util.node import middleware
+from trunk_runs.graph import run_graph
+from trunk_runs.processes import check_nodes_installed, claimed_domain, connection_lines
+from trunk_runs.run_files import RunFiles
 
-from ..analysis.metrics import Metrics
-from ..analysis.run_table import recorded_metrics
 from ..console.document import json_option, write_json
-from ..console.options import Number
-from ..console.outputs import check_not_read, output_options
-from ..console.plan_options import (
+from ..console.options import (
+    Number,
     PlanResult,
     about_plan,
+    check_not_read,
     external_option,
     files_read,
     markers_option,
+    output_options,
     plan_of,
     plan_options,
     push_option,
 )
-from ..console.progress import progress_bar
 from ..console.reading import about_written
-from ..console.terminal import console, line_of, report_error, show_warnings
-from ..errors import PlanError, RunError
-from ..recorded.facts import silence_of
-from ..recorded.run import RecordedRun
-from ..replay.doubts import RecordingResult, about, doubts_of
-from ..results import Count
-from ..runs.graph import run_graph
-from ..runs.launching import connection_lines
-from ..runs.node_processes import check_nodes_installed, claimed_domain
-from ..runs.run_files import RunFiles
+from ..console.terminal import console, line_of, progress_bar, report_error, show_warnings
 from .metrics import show_metrics
 
 
@@ -95,7 +92,7 @@ def command(
 ) -> None:
     """Run SCENARIO in the ROS 2 graph: simulator, controller, disturbance, recorder.
 
-    SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
+    SCENARIO is fig6, fig7, fig8, fig9, demo, cart_pole, or the path of a parameter file.
     """
     everywhere: dict[str, object] = {"lockstep.enabled": True} if lockstep else {}
     if markers:

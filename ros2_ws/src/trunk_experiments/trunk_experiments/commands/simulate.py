@@ -9,29 +9,31 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from trunk_msgs_util.errors import RecordingError
-from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_core.errors import PlanError, RecordingError
+from trunk_core.parameters.declarations import ParameterError
 from trunk_sim.simulation import DivergedError
 
 from ..console.document import json_option, write_json
-from ..console.options import exclude
-from ..console.outputs import check_output, default_name, output_options
-from ..console.plan_options import (
+from ..console.options import (
     PlanResult,
     about_plan,
+    check_output,
+    default_name,
+    exclude,
     files_read,
     markers_option,
+    output_options,
     plan_of,
     plan_options,
     push_option,
 )
 from ..console.reading import WrittenResult, about_written, open_run, show_written_doubts
-from ..console.terminal import line_of, report_error
-from ..errors import PlanError
+from ..console.terminal import line_of, progress_bar, report_error
 
 if TYPE_CHECKING:
+    from trunk_runs.plan import RunPlan
+
     from ..lab.experiment import Experiment
-    from ..plans.plan import RunPlan
 
 
 _LONG = 100_000  # states, which take seconds
@@ -69,7 +71,7 @@ def command(
 ) -> None:
     """Run SCENARIO without ROS: same functions, files, topics and schemas.
 
-    SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
+    SCENARIO is fig6, fig7, fig8, fig9, demo, cart_pole, or the path of a parameter file.
     """
     if like is not None:
         exclude("--like has the whole run", but=("output", "force", "like", "markers", "as_json"))
@@ -133,8 +135,7 @@ def recorded(
     plan: RunPlan, output: Path, force: bool, experiment: Experiment | None
 ) -> tuple[int, DivergedError | None, str]:
     """Run a plan into a file, showing progress: how many states, why it diverged, how it differs."""
-    from ..console.progress import progress_bar
-    from ..runs.offline_recording import record_offline
+    from trunk_runs.offline_recording import record_offline
 
     with progress_bar(f"simulating {plan.scenario}", _LONG) as tell_done:
         if experiment is not None:

@@ -6,16 +6,15 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.files import resolve_path
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core.files import resolve_path
+from trunk_evidence.judgement import verdict_on
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_evidence.verdict import CheckedPart, Verdict, Verification, verification
 
 from ..console.document import json_option, write_json
-from ..console.progress import progress_bar
-from ..console.reading import reading
+from ..console.reading import open_run
 from ..console.tables import print_table
-from ..recorded.run import RecordedRun
-from ..replay.verdict import CheckedPart, Verdict, Verification, verification
-from ..replay.verify import verify
+from ..console.terminal import progress_bar
 
 
 def _row(part: CheckedPart) -> tuple[str, ...]:
@@ -26,12 +25,11 @@ def _row(part: CheckedPart) -> tuple[str, ...]:
     return part.name, *span, str(part.steps_checked), result
 
 
-def judged(run: Path) -> tuple[Recording, Verdict]:
-    """Return a recording and its verdict. Raises RecordingError."""
-    with reading(run) as tell:
-        recording = Recording.open(run, tell, whole=True)
-    with progress_bar(f"recomputing {resolve_path(run).name}"):
-        return recording, verify(recording)
+def judged(path: Path) -> tuple[RecordedRun, Verdict]:
+    """Return a run and its verdict. Raises RecordingError."""
+    run = open_run(path, whole=True)
+    with progress_bar(f"recomputing {resolve_path(path).name}"):
+        return run, verdict_on(run)
 
 
 @click.command("verify")
@@ -44,8 +42,7 @@ def command(ctx: click.Context, run: Path, as_json: bool) -> None:
     Exit code 0: verified; 1: something diverges or was altered; 2: inconclusive, as something is missing.
     What no check covers is listed.
     """
-    recording, verdict = judged(run)
-    recorded = RecordedRun(recording)
+    recorded, verdict = judged(run)
     result = verification(recorded, verdict)
     if as_json:
         write_json(result)

@@ -1,5 +1,1 @@
-"""The conformance kit: for laws, and for any node."""
-
-from .law import CHECKS, LawCheck, LawFinding, conformance, findings_of
-
-__all__ = ["CHECKS", "LawCheck", "LawFinding", "conformance", "findings_of"]
+"""The conformance kits: what a law, and a plant, must hold to."""

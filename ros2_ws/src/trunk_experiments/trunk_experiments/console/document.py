@@ -14,9 +14,8 @@ from typing import Annotated, Any, TextIO
 
 import click
 
-from trunk_msgs_util.streams import writer
-
-from ..results import Keyword, Result, document, schema
+from trunk_core.files import stream_writer
+from trunk_core.results import Keyword, Result, document, schema
 
 OPTION = "--json"
 _STDOUT = 1
@@ -44,15 +43,14 @@ class JsonOption(click.Option):
     def documents(self) -> tuple[type[Result], ...]:
         """The documents' classes."""
         return tuple(
-            resolve_name(f"trunk_experiments.{kind}") if isinstance(kind, str) else kind
-            for kind in self._documents
+            resolve_name(kind) if isinstance(kind, str) else kind for kind in self._documents
         )
 
 
 def json_option(*documents: type[Result] | str) -> Callable[[Any], Any]:
     """Return the option ``--json`` of a verb that then writes one of these documents.
 
-    Of a module that takes long to load, the class is named as ``study.limit:LimitResult``.
+    Of a module that takes long to load, the class is named as ``study.robustness:LimitResult``.
     """
     return click.option(
         OPTION,
@@ -107,7 +105,7 @@ def _moved(out: TextIO, err: TextIO) -> TextIO | None:
     except (AttributeError, OSError):  # a test's, or closed
         return None
     out.flush()
-    own = writer(os.dup(_STDOUT), encoding="ascii")
+    own = stream_writer(os.dup(_STDOUT), encoding="ascii")
     os.dup2(2, _STDOUT)
     return own
 

@@ -10,19 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.files import resolve_path
-from trunk_msgs_util.recording.reader import Recording
+from trunk_core import topics
+from trunk_core.errors import TrunkError
+from trunk_core.files import resolve_path
+from trunk_core.results import Count
+from trunk_evidence.doubts import RecordingResult, about, doubts_of, incomplete
+from trunk_evidence.recorded_run import RecordedRun
+from trunk_recording.reader import Recording
 
-from ..recorded.run import RecordedRun
-from ..replay.doubts import RecordingResult, about, doubts_of, incomplete
-from ..results import Count
-from .progress import Tell, progress_bar
-from .terminal import show_warnings
+from .terminal import Tell, progress_bar, show_warnings
 
 if TYPE_CHECKING:
-    from ..views.run_view import RunView
+    from trunk_views.run_view import RunView
 
 _LONG = 100e6  # bytes, which take seconds to read
 
@@ -39,10 +38,10 @@ def reading(path: Path, verb: str = "reading") -> AbstractContextManager[Tell]:
     return progress_bar(f"{verb} {resolve_path(path).name}", _LONG)
 
 
-def open_run(path: Path, whole: bool = False) -> RecordedRun:
-    """Open a recorded run. Raises RecordingError."""
+def open_run(path: Path, whole: bool = False, digests: bool = False) -> RecordedRun:
+    """Open a recorded run, as `Recording.open` does. Raises RecordingError."""
     with reading(path) as tell:
-        return RecordedRun(Recording.open(path, tell, whole))
+        return RecordedRun(Recording.open(path, tell, whole, digests))
 
 
 def about_written(path: Path) -> WrittenResult:
@@ -65,9 +64,9 @@ def show_written_doubts(path: Path) -> None:
 
 def open_views(paths: Iterable[Path]) -> list[RunView]:
     """Open runs that are to be shown. Raises RecordingError."""
-    from ..views.run_view import RunView
+    from trunk_views.run_view import RunView
 
-    return [RunView.read(open_run(path)) for path in paths]
+    return [RunView.read(open_run(path, digests=True)) for path in paths]
 
 
 def show_damage(run: RecordedRun, name: str = "") -> None:

@@ -12,7 +12,7 @@ from textwrap import wrap
 import click
 from rich.cells import cell_len
 
-from trunk_msgs_util.text import printable
+from trunk_core.text import printable
 
 from .terminal import print_title
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import PlanError, did_you_mean
+from trunk_core.errors import PlanError, did_you_mean
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -50,6 +50,13 @@ class Verbs(click.Group):
         """Return each verb's line for the overview: the first sentence of its help."""
         commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
         return {name: verb.get_short_help_str(_WHOLE) for name, verb in commands.items() if verb}
+
+
+class OrderedVerbs(Verbs):
+    """Verbs in the order in which they are defined."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
 
 
 class LazyVerbs(Verbs):

@@ -4,7 +4,7 @@ Importing this package registers ``trunk/Balance-v0``, and so does
 ``gymnasium.make("trunk_experiments.gym:trunk/Balance-v0")``.
 """
 
-from ..errors import NotInstalledError
+from trunk_core.errors import NotInstalledError
 
 try:
     from gymnasium.envs.registration import register, registry

@@ -14,10 +14,10 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from trunk_msgs_util.recording.joint_table import Floats
+from trunk_core.arrays import Floats
+from trunk_core.errors import PlanError, did_you_mean
+from trunk_runs.plan import advice
 
-from ..errors import PlanError, did_you_mean
-from ..plans.plan import advice
 from .episodes import OBSERVED, Episodes, Flags, real_numbers
 from .task import Drawn, Task, make_task, save_episode
 
@@ -25,7 +25,7 @@ OPTIONS = ("as_planned",)  # of reset
 
 
 def space_of_actions(task: Task) -> spaces.Space[Floats]:
-    """Return the space of the torque [N m], or of kp [N m/rad], ki [N m/(rad s)] and kd [N m s/rad]."""
+    """Return the space of the torque [N m], or of the constants of the controller's law."""
     return cast("spaces.Space[Floats]", spaces.Box(task.low, task.high, dtype=np.float64))
 
 
@@ -54,11 +54,11 @@ def wants_plan(options: dict[str, Any] | None, known: tuple[str, ...] = OPTIONS)
 
 
 class BalanceEnv(gymnasium.Env[Floats, Floats]):
-    """Hold a trunk at its reference by choosing a torque, or a PID's gains, in every control period.
+    """Hold a trunk at its reference by choosing a torque, or a law's constants, in every control period.
 
     Observation, float64: measured angle [rad] and rate [rad/s], reference [rad], measured position [m] and
-    rate [m/s] of the hip. Action, float64: torque [N m], or kp, ki, kd. Reward, with the true angle theta
-    and the torque tau after each of the plant's periods h in the step::
+    rate [m/s] of the hip. Action, float64: torque [N m], or the constants, which are kp, ki, kd of ``pid``.
+    Reward, with the true angle theta and the torque tau after each of the plant's periods h in the step::
 
         r = - sum h ((reference - theta)^2 + w tau^2)  -  [terminated] (T - t) min(fall.angle, pi)^2
 

@@ -1,68 +1,110 @@
 """Many episodes of a task side by side: each is a lane, and compiled code steps sixteen at once.
 
-The lanes call the same functions as every run. The cells are those of `batch.lanes`, block after block,
-followed by some rows of this module's own. Each lane has its own time: ``steps`` says how many steps into
-its episode it is.
+The lanes call the same functions as every run, and their cells are like those of `batch.lanes`, block after
+block. Each lane has its own time: ``steps`` says how many steps into its episode it is.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import warnings
+from collections.abc import Callable
+from functools import cache
+from itertools import repeat
+from math import nan
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trunk_control.limits import Limits, limited
-from trunk_control.pid import pid_update
-from trunk_control.pid_family import Gains, PidState
-from trunk_msgs_util.compiled import twin, with_arrays
-from trunk_msgs_util.recording.joint_table import Floats, Integers
-from trunk_msgs_util.text import shortened
-from trunk_sim.disturbances import Signals
+from trunk_control.law import Constants, Law, LawMemory, Limits, Sample, limited
+from trunk_control.laws import law_of
+from trunk_core.arrays import Floats, Integers
+from trunk_core.compiled import compiled_or_plain, twin, with_arrays
+from trunk_core.errors import ActionError, PlanError
+from trunk_core.text import shortened
+from trunk_runs.loop import reading_of
+from trunk_sim.disturbances import Disturbance, Signals
 from trunk_sim.noise import fill, random_bits
-from trunk_sim.plant import rk4_step
+from trunk_sim.plant import PlantState, rk4_step
 from trunk_sim.step import (
-    Plant,
+    Dynamics,
+    Measurement,
+    PlantConstants,
     SensorParameters,
     beyond_fall,
     finite,
-    pruned,
     sense,
     torque_of,
-    torque_on,
 )
-
-from ..batch.lanes import (
-    ACTING,
+from trunk_studies.batch.compiled_run import NotCompiledWarning
+from trunk_studies.batch.lanes import (
     LANES,
-    NOISE,
-    PARAMETERS,
-    SEEN,
-    STATE,
-    acting_at,
     fill_disturbances,
     fill_references,
-    keep_four,
-    state_at,
+    made_of,
+    reader_of,
+    row_values,
+    rows_of,
+    writer_of,
 )
-from ..errors import ActionError, PlanError
+
 from .task import Drawn, Task, lost
 
-ACTION = PARAMETERS  # torque, or kp, ki, kd: 3
-COMMAND = ACTION + 3  # N m, within the controller's limits
-DT = COMMAND + 1  # s since the last update
-PID = DT + 1  # the PID's state, 6
-MEASURED = PID + 6  # angle, rate, hip's position and rate: 4
-WANTED = MEASURED + 4  # the reference, rad
-TORQUE = WANTED + 1  # N m, within the actuator's limits
-APPLIED = TORQUE + 1  # N m, over the last period whose state was accepted
-BEFORE = APPLIED + 1  # the state before the step, 4
-REWARD = BEFORE + 4
-FELL = REWARD + 1
-DIVERGED = FELL + 1
-OVER = DIVERGED + 1
-TOTAL_TORQUE = OVER + 1  # N m, the total torque on the trunk over the period
-ROWS = TOTAL_TORQUE + 1
+
+class Standing(NamedTuple):
+    """An episode after a period of the plant."""
+
+    state: PlantState
+    torque: float  # N m, over the last period whose state was accepted
+    reward: float  # of the step so far
+    fell: bool
+    diverged: bool
+    over: bool
+
+
+class Episode(NamedTuple):
+    """What a lane keeps of its episode."""
+
+    standing: Standing
+    seen: PlantState  # by the sensors
+    acting: Disturbance
+    noise: tuple[float, float]  # samples
+    measured: Measurement
+    wanted: float  # rad, the reference now
+    command: float  # N m, within the controller's limits
+    torque: float  # N m, within the actuator's limits
+    forces: tuple[float, float]  # N or N m, on both coordinates over the period
+    state: PlantState  # within the period
+    memory: LawMemory
+    action: Any  # a torque in N m, or the law's constants
+
+
+def beginning(state: PlantState, memory: LawMemory, action: Any) -> Episode:
+    """Return an episode before its first step."""
+    return Episode(
+        standing=Standing(state, 0.0, 0.0, False, False, False),
+        seen=state,
+        acting=Disturbance(),
+        noise=(0.0, 0.0),
+        measured=Measurement(0.0, 0.0, 0.0, 0.0),
+        wanted=0.0,
+        command=0.0,
+        torque=0.0,
+        forces=(0.0, 0.0),
+        state=state,
+        memory=memory,
+        action=action,
+    )
+
+
+_EPISODE = beginning(PlantState(0.0, 0.0, 0.0, 0.0), (), ())  # of any law
+ROWS = rows_of(_EPISODE)
+_STANDING = rows_of(_EPISODE.standing)  # the first part: its rows are the episode's
+read, _ = reader_of(_EPISODE, 0, whole=True)
+keep_standing = writer_of(_EPISODE.standing, ROWS.standing)
+keep_measured = writer_of(_EPISODE.measured, ROWS.measured)
+keep_forces = writer_of(_EPISODE.forces, ROWS.forces)
+keep_state = writer_of(_EPISODE.state, ROWS.state)
 
 OBSERVED = 5  # numbers of an observation
 
@@ -70,10 +112,10 @@ OBSERVED = 5  # numbers of an observation
 class Course(NamedTuple):
     """What all episodes have in common."""
 
-    plant: Plant
+    plant: PlantConstants
     sensor: SensorParameters
     limits: Limits
-    by_gains: bool
+    hip: int  # 0: the hip's motion, 1: the trunk's, -1: none
     every: int  # the plant's periods in a step
     last: int  # the last state's number
     delay_steps: int
@@ -92,130 +134,113 @@ class EpisodeSeries(NamedTuple):
     noise: Floats  # 2 numbers
 
 
-def advance(
-    course: Course,
-    blocks: Floats,
-    steps: Integers,
-    series: EpisodeSeries,
-    history: Floats,
-    actions: Floats,
-) -> None:
-    """Step every episode: ``every`` periods of the plant under one action, or fewer if the episode ends.
+@cache
+def advance_of(law: Law, dynamics: Dynamics, constants: Constants | None) -> Callable[..., None]:
+    """Return the function that steps every episode under an action: a torque, or the law's ``constants``.
 
-    ``blocks`` [blocks, ROWS LANES]; ``actions`` [episodes, numbers]; ``history`` [delay_steps + 1, 4,
-    lanes] has the states of the last periods.
+    ``advance(course, blocks, steps, series, history, actions)`` takes ``every`` periods of the plant, fewer
+    if the episode ends. ``blocks`` [blocks, rows LANES]; ``actions`` [episodes, numbers]; ``history``
+    [delay_steps + 1, 4, lanes] has the states of the last periods. ``constants`` give the structure.
     """
-    c = course
-    h = c.plant.period / c.plant.substeps
-    for block in range(len(blocks)):
-        cells, first = blocks[block], block * LANES
-        for lane in range(LANES):
-            row = min(first + lane, len(actions) - 1)
-            for i in range(actions.shape[1]):
-                cells[(ACTION + i) * LANES + lane] = actions[row, i]
-            cells[DT * LANES + lane] = c.first_dt if steps[first + lane] == 0 else c.dt
-            cells[REWARD * LANES + lane] = 0.0
-            cells[OVER * LANES + lane] = 0.0
-        command(c, cells)
-        for _ in range(c.every):
-            fetch(series.acting, c, steps, first, ACTING, cells)
-            for i in range(4 * LANES):
-                cells[BEFORE * LANES + i] = cells[STATE * LANES + i]
+    update = law.update
+    example = beginning(_EPISODE.state, law.memory, (0.0,) if constants is None else constants)
+    read_whole, _ = reader_of(example, 0, whole=True)
+    rows = rows_of(example)
+    forces, accelerations = dynamics
+    keep_memory = writer_of(example.memory, rows.memory)
+
+    def by_torque(c: Course, cells: Floats, lane: int, dt: float) -> float:
+        return limited(read_whole(cells, lane, ()).action[0], c.limits)
+
+    def by_constants(c: Course, cells: Floats, lane: int, dt: float) -> float:
+        here = read_whole(cells, lane, ())
+        reading = reading_of(0, here.measured, 0.0, c.hip, nan)
+        sample = Sample(here.wanted, reading.position, reading.velocity, dt, reading.hip)
+        memory, terms = update(here.memory, sample, here.action, c.limits)
+        keep_memory(memory, cells, lane)
+        effort: float = terms.effort
+        return effort
+
+    command = by_torque if constants is None else by_constants
+
+    def advance(
+        course: Course,
+        blocks: Floats,
+        steps: Integers,
+        series: EpisodeSeries,
+        history: Floats,
+        actions: Floats,
+    ) -> None:
+        c = course
+        h = c.plant.period / c.plant.substeps
+        for block in range(len(blocks)):
+            cells, first = blocks[block], block * LANES
             for lane in range(LANES):
-                before, wanted = cells[APPLIED * LANES + lane], cells[COMMAND * LANES + lane]
-                torque = torque_of(before, wanted, c.plant)
-                cells[TORQUE * LANES + lane] = torque
-                start = state_at(cells, STATE, lane)
-                turning = torque_on(start, torque, acting_at(cells, lane), c.plant)
-                cells[TOTAL_TORQUE * LANES + lane] = turning
-            for _ in range(c.plant.substeps):
+                row = min(first + lane, len(actions) - 1)
+                for i in range(actions.shape[1]):
+                    cells[(rows.action + i) * LANES + lane] = actions[row, i]
+                s = read(cells, lane, ()).standing
+                begun = Standing(s.state, s.torque, 0.0, s.fell, s.diverged, False)
+                keep_standing(begun, cells, lane)
+            for lane in range(LANES):
+                dt = c.first_dt if steps[first + lane] == 0 else c.dt
+                cells[ROWS.command * LANES + lane] = command(c, cells, lane, dt)
+            for _ in range(c.every):
+                fetch(series.acting, c, steps, first, ROWS.acting, cells)
                 for lane in range(LANES):
-                    acting = acting_at(cells, lane)
-                    state = rk4_step(
-                        state_at(cells, STATE, lane),
-                        acting.hip_force,
-                        cells[TOTAL_TORQUE * LANES + lane],
-                        h,
-                        c.plant.body,
-                    )
-                    keep_four(state, STATE, cells, lane)
-            for lane in range(LANES):
-                settle(c, cells, steps, series.reference, history, first, lane)
+                    here = read(cells, lane, ())
+                    state = here.standing.state
+                    torque = torque_of(here.standing.torque, here.command, c.plant)
+                    pushed = forces(torque, here.acting, state, c.plant.actuator)
+                    cells[ROWS.torque * LANES + lane] = torque
+                    keep_forces(pushed, cells, lane)
+                    keep_state(state, cells, lane)
+                for _ in range(c.plant.substeps):
+                    for lane in range(LANES):
+                        here = read(cells, lane, ())
+                        constants = c.plant.constants
+                        first_force, second_force = here.forces
+                        state = rk4_step(
+                            here.state, first_force, second_force, h, constants, accelerations
+                        )
+                        keep_state(state, cells, lane)
+                for lane in range(LANES):
+                    here, k = read(cells, lane, ()), steps[first + lane]
+                    reference = series.reference[min(k + 1, c.last)]
+                    after, k = settled(here.standing, here.state, here.torque, k, reference, c)
+                    keep_standing(after, cells, lane)
+                    steps[first + lane] = k
+                    if c.delay_steps:
+                        for i in range(4):
+                            history[k % len(history), i, first + lane] = after.state[i]
+
+    motion = f"{accelerations.__module__}_{accelerations.__name__}"
+    name = f"{command.__name__}_{motion}_{update.__module__}"
+    advance.__name__ = advance.__qualname__ = name
+    return advance
 
 
-def command(c: Course, cells: Floats) -> None:
-    """Write the commands that a block's actions stand for."""
-    if not c.by_gains:
-        for lane in range(LANES):
-            cells[COMMAND * LANES + lane] = limited(cells[ACTION * LANES + lane], c.limits)
-        return
-    for lane in range(LANES):
-        state, terms = pid_update(
-            PidState(
-                cells[PID * LANES + lane],
-                cells[(PID + 1) * LANES + lane],
-                cells[(PID + 2) * LANES + lane],
-                cells[(PID + 3) * LANES + lane],
-                cells[(PID + 4) * LANES + lane],
-                cells[(PID + 5) * LANES + lane] != 0.0,
-            ),
-            cells[WANTED * LANES + lane],
-            cells[MEASURED * LANES + lane],
-            cells[(MEASURED + 1) * LANES + lane],
-            cells[DT * LANES + lane],
-            Gains(
-                cells[ACTION * LANES + lane],
-                cells[(ACTION + 1) * LANES + lane],
-                cells[(ACTION + 2) * LANES + lane],
-            ),
-            c.limits,
-        )
-        cells[PID * LANES + lane] = state.integral
-        cells[(PID + 1) * LANES + lane] = state.error
-        cells[(PID + 2) * LANES + lane] = state.measurement
-        cells[(PID + 3) * LANES + lane] = state.derivative
-        cells[(PID + 4) * LANES + lane] = state.effort
-        cells[(PID + 5) * LANES + lane] = 1.0 if state.started else 0.0
-        cells[COMMAND * LANES + lane] = terms.effort
+def settled(
+    before: Standing, state: PlantState, torque: float, k: int, reference: float, c: Course
+) -> tuple[Standing, int]:
+    """Return an episode and its step after a period that led to a state; one that is not finite ends it.
 
-
-def settle(
-    c: Course,
-    cells: Floats,
-    steps: Integers,
-    reference: Floats,
-    history: Floats,
-    first: int,
-    lane: int,
-) -> None:
-    """Accept or reject an episode's new state and add to its reward; a non-finite state ends the episode."""
-    state = state_at(cells, STATE, lane)
-    k = steps[first + lane]
-    over = cells[OVER * LANES + lane] != 0.0
-    if over or k >= c.last or not finite(state):
-        for i in range(4):
-            cells[(STATE + i) * LANES + lane] = cells[(BEFORE + i) * LANES + lane]
-        if not over and k < c.last:
-            cells[DIVERGED * LANES + lane] = 1.0
-            cells[REWARD * LANES + lane] -= c.plant.period * (c.last - k) * c.lost
-        cells[OVER * LANES + lane] = 1.0
-        return
+    ``reference`` is that of the new state; the torque was applied over the period.
+    """
+    s = before
+    if s.over or k >= c.last:
+        return Standing(s.state, s.torque, s.reward, s.fell, s.diverged, True), k
+    if not finite(state):
+        rest = c.plant.period * (c.last - k) * c.lost
+        return Standing(s.state, s.torque, s.reward - rest, s.fell, True, True), k
     k += 1
-    steps[first + lane] = k
-    torque = cells[TORQUE * LANES + lane]
-    cells[APPLIED * LANES + lane] = torque
-    error = reference[k] - state.theta
+    error = reference - state.theta
     reward = -c.plant.period * (error * error + c.effort_weight * torque * torque)
-    if c.fall_stop and beyond_fall(state, c.plant):
-        cells[FELL * LANES + lane] = 1.0
-        cells[OVER * LANES + lane] = 1.0
+    falls = c.fall_stop and beyond_fall(state, c.plant)
+    if falls:
         reward -= c.plant.period * (c.last - k) * c.lost
-    if k == c.last:
-        cells[OVER * LANES + lane] = 1.0
-    cells[REWARD * LANES + lane] += reward
-    if c.delay_steps:
-        for i in range(4):
-            history[k % len(history), i, first + lane] = cells[(STATE + i) * LANES + lane]
+    over = falls or k == c.last
+    return Standing(state, torque, s.reward + reward, s.fell or falls, s.diverged, over), k
 
 
 def observe(
@@ -234,35 +259,29 @@ def observe(
     for block in range(len(blocks)):
         cells, first = blocks[block], block * LANES
         for lane in range(LANES):
-            cells[WANTED * LANES + lane] = series.reference[min(steps[first + lane], c.last)]
+            cells[ROWS.wanted * LANES + lane] = series.reference[min(steps[first + lane], c.last)]
         if c.delay_steps:
             for lane in range(LANES):
                 then = max(steps[first + lane] - c.delay_steps, 0) % len(history)
                 for i in range(4):
-                    cells[(SEEN + i) * LANES + lane] = history[then, i, first + lane]
+                    cells[(ROWS.seen + i) * LANES + lane] = history[then, i, first + lane]
         else:
             for i in range(4 * LANES):
-                cells[SEEN * LANES + i] = cells[STATE * LANES + i]
-        fetch(series.acting, c, steps, first, ACTING, cells)
-        fetch(series.noise, c, steps, first, NOISE, cells)
+                cells[ROWS.seen * LANES + i] = cells[ROWS.standing * LANES + i]  # its state
+        fetch(series.acting, c, steps, first, ROWS.acting, cells)
+        fetch(series.noise, c, steps, first, ROWS.noise, cells)
         for lane in range(LANES):
-            measured = sense(
-                state_at(cells, SEEN, lane),
-                acting_at(cells, lane),
-                cells[NOISE * LANES + lane],
-                cells[(NOISE + 1) * LANES + lane],
-                c.sensor,
-            )
-            cells[MEASURED * LANES + lane] = measured.theta
-            cells[(MEASURED + 1) * LANES + lane] = measured.theta_dot
-            cells[(MEASURED + 2) * LANES + lane] = measured.x
-            cells[(MEASURED + 3) * LANES + lane] = measured.x_dot
+            here = read(cells, lane, ())
+            position_sample, velocity_sample = here.noise
+            measured = sense(here.seen, here.acting, position_sample, velocity_sample, c.sensor)
+            keep_measured(measured, cells, lane)
         for lane in range(min(LANES, len(out) - first)):
-            out[first + lane, 0] = cells[MEASURED * LANES + lane]
-            out[first + lane, 1] = cells[(MEASURED + 1) * LANES + lane]
-            out[first + lane, 2] = cells[WANTED * LANES + lane]
-            out[first + lane, 3] = cells[(MEASURED + 2) * LANES + lane]
-            out[first + lane, 4] = cells[(MEASURED + 3) * LANES + lane]
+            here = read(cells, lane, ())
+            out[first + lane, 0] = here.measured.theta
+            out[first + lane, 1] = here.measured.theta_dot
+            out[first + lane, 2] = here.wanted
+            out[first + lane, 3] = here.measured.x
+            out[first + lane, 4] = here.measured.x_dot
 
 
 def fetch(series: Floats, c: Course, steps: Integers, first: int, row: int, cells: Floats) -> None:
@@ -304,10 +323,10 @@ class Episodes:
         self.task, self.count = task, count
         common = task.regular.common
         self.course = Course(
-            pruned(common.plant),
+            with_arrays(common.plant),
             common.sensor,
             common.limits,
-            task.by_gains,
+            common.hip,
             common.update_every,
             common.states - 1,
             common.delay_steps,
@@ -317,9 +336,16 @@ class Episodes:
             lost(task),
             common.fall_stop,
         )
-        lanes = -(-count // LANES) * LANES
-        self._blocks = np.zeros((lanes // LANES, ROWS * LANES))
-        self._cells = self._blocks.reshape(-1, ROWS, LANES)
+        law, example = law_of(task.plan.controller), task.constants
+        if example is not None:
+            example = made_of(example, repeat(0.0))  # one function, whatever the numbers
+        self._advance = compiled_or_plain(
+            advance_of(law, task.regular.dynamics, example),
+            lambda reason: warnings.warn(NotCompiledWarning((law.name,), reason), stacklevel=2),
+        )
+        lanes, rows = -(-count // LANES) * LANES, len(self._beginning(_EPISODE.state))
+        self._blocks = np.zeros((lanes // LANES, rows * LANES))
+        self._cells = self._blocks.reshape(-1, rows, LANES)
         self.steps = np.zeros(lanes, dtype=np.int64)
         self._history = np.zeros((common.delay_steps + 1, 4, lanes))
         self._noisy = task.regular.seed is not None
@@ -349,13 +375,16 @@ class Episodes:
         twin(fill_disturbances)(with_arrays(signals), common.period_ns, 0, acting)
         return acting[:, :, 0]
 
+    def _beginning(self, state: PlantState) -> list[float]:
+        """Return the cells of an episode before its first step."""
+        task = self.task
+        action = (0.0,) if task.constants is None else task.constants
+        return row_values(beginning(state, task.regular.memory, action), whole=True)
+
     def begin(self, episode: int, drawn: Drawn) -> None:
         """Begin an episode anew."""
         block, lane = divmod(episode, LANES)
-        cells = self._cells[block]
-        cells[:, lane] = 0.0
-        cells[STATE : STATE + 4, lane] = drawn.initial
-        cells[PID + 4, lane] = self.task.regular.effort
+        self._cells[block, :, lane] = self._beginning(PlantState(*drawn.initial))
         self._history[0, :, episode] = drawn.initial
         self.steps[episode] = 0
         if self._noisy:
@@ -377,7 +406,7 @@ class Episodes:
             raise ActionError(
                 f"action: number {i} of environment {episode} is {taken[episode, i]}: it must be finite"
             )
-        twin(advance)(self.course, self._blocks, self.steps, self._series, self._history, taken)
+        self._advance(self.course, self._blocks, self.steps, self._series, self._history, taken)
         return taken
 
     def observations(self) -> Floats:
@@ -393,32 +422,32 @@ class Episodes:
     @property
     def angles(self) -> Floats:
         """The true angles [count], rad."""
-        return self._row(STATE + 1)
+        return self._row(_STANDING.state + 1)
 
     @property
     def rewards(self) -> Floats:
         """The rewards of the last step [count]."""
-        return self._row(REWARD)
+        return self._row(_STANDING.reward)
 
     @property
     def commands(self) -> Floats:
         """The commanded torques of the last step [count], N m, within the controller's limits."""
-        return self._row(COMMAND)
+        return self._row(ROWS.command)
 
     @property
     def torques(self) -> Floats:
         """The torques that were applied over the last period [count], N m."""
-        return self._row(APPLIED)
+        return self._row(_STANDING.torque)
 
     @property
     def diverged(self) -> Flags:
         """Which episodes' next state would not be finite [count]."""
-        return np.not_equal(self._row(DIVERGED), 0.0)
+        return np.not_equal(self._row(_STANDING.diverged), 0.0)
 
     @property
     def terminated(self) -> Flags:
         """Which episodes have ended by a fall or by divergence [count]."""
-        return np.not_equal(self._row(FELL) + self._row(DIVERGED), 0.0)
+        return np.not_equal(self._row(_STANDING.fell), 0.0) | self.diverged
 
     @property
     def truncated(self) -> Flags:

@@ -7,33 +7,31 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import copysign, isfinite, pi
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
 from trunk_control.controller import Controller
-from trunk_control.law import Constants, Law, Sample
-from trunk_control.limits import Limits, limited
-from trunk_control.pid import LAW, PidConfig, pid_update
-from trunk_control.pid_family import Gains, PidState, Terms
-from trunk_msgs_util.parameters.declarations import build, values_of
-from trunk_msgs_util.recording.joint_table import Floats
-from trunk_msgs_util.units import seconds
+from trunk_control.law import Constants, Law, LawMemory, LawTerms, Limits, Sample, limited
+from trunk_control.laws import law_of
+from trunk_core.arrays import Floats
+from trunk_core.errors import PlanError, did_you_mean
+from trunk_core.parameters.declarations import build, values_of
+from trunk_core.units import seconds
+from trunk_runs.engine import Engine
+from trunk_runs.loop import check
+from trunk_runs.offline_recording import record_states
+from trunk_runs.plan import RunPlan, make_plan
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.simulation import DivergedError
-
-from ..batch.block import LONGEST, Regular, regular_run
-from ..errors import PlanError, did_you_mean
-from ..plans.plan import RunPlan, make_plan
-from ..runs.engine import Engine
-from ..runs.loop_inputs import check
-from ..runs.offline_recording import record_states
+from trunk_studies.batch.block import LONGEST, Regular, regular_run
+from trunk_studies.batch.lanes import made_of, numbers_in, without_row
 
 ACTIONS = ("torque", "gains")
 SPREAD = (0.0, 0.1, 0.0, 0.1)  # m, rad, m/s, rad/s
 EFFORT_WEIGHT = 1e-5  # rad^2 / (N m)^2
-# Its section of the parameters gives the reference, the rate, the limits and the PID's modes.
-CONTROLLER = LAW.name
+# By default. Its section of the parameters gives the reference, the rate, the limits and the law's modes.
+CONTROLLER = "pid"
 
 
 class Drawn(NamedTuple):
@@ -51,7 +49,7 @@ class Task:
 
     plan: RunPlan
     regular: Regular  # the plan as a lane runs it
-    by_gains: bool  # actions are the PID's gains; False: torques
+    constants: Constants | None  # of the law, whose place actions take; None: actions are torques
     low: Floats  # of an action
     high: Floats
     spread: tuple[float, ...]  # of the initial state: m, rad, m/s, rad/s
@@ -117,6 +115,7 @@ def make_task(
     *,
     params: Sequence[str | Path] = (),
     settings: Sequence[str] = (),
+    controller: str = CONTROLLER,
     duration: float | None = None,
     rate: float | None = None,
     action: str = "torque",
@@ -126,11 +125,11 @@ def make_task(
 ) -> Task:
     """Return the task that an environment's options describe.
 
-    ``scenario``, ``params``, ``settings`` (NODE.PARAM=VALUE), ``duration`` [s] and ``rate`` [Hz] as in
-    ``trunk simulate --controller pid``. ``action``: "torque" or "gains"; ``largest_gains``: kp, ki, kd;
-    by default twice those of ``pid``. ``spread``: half-widths of the draws around the plan's initial x [m],
-    angle [rad] and their rates. A fall ends an episode unless simulator.fall.stop is set to false.
-    Raises PlanError, ParameterFileError or ParameterError.
+    ``scenario``, ``params``, ``settings`` (NODE.PARAM=VALUE), ``controller``, ``duration`` [s] and ``rate``
+    [Hz] as in ``trunk simulate``. ``action``: "torque", or "gains": the constants of the controller's law,
+    kp, ki, kd of ``pid``; ``largest_gains``: by default twice the controller's own. ``spread``: half-widths
+    of the draws around the plan's initial x [m], angle [rad] and their rates. A fall ends an episode unless
+    simulator.fall.stop is set to false. Raises PlanError, ParameterFileError or ParameterError.
     """
     if action not in ACTIONS:
         raise PlanError(
@@ -141,7 +140,7 @@ def make_task(
     everywhere |= {} if rate is None else {"update_rate": rate}
     plan = make_plan(
         str(scenario),
-        CONTROLLER,
+        controller,
         _texts("params", params),
         _texts("settings", settings),
         everywhere,
@@ -151,6 +150,8 @@ def make_task(
         raise PlanError(
             "link.state, link.command, sensor.dropout: an episode has no links: leave them out"
         )
+    if strange := without_row(law_of(plan.controller).memory):
+        raise PlanError(f"{controller}: its {strange}, not a number: it has no environment")
     regular = regular_run(plan)
     if regular is None:
         raise PlanError(
@@ -161,7 +162,8 @@ def make_task(
     _check_spread(plan.simulator, widths)
     (weight,) = _numbers("effort_weight", [effort_weight], 1)
     low, high = _bounds(plan, action, largest_gains)
-    return Task(plan, regular, action == "gains", low, high, widths, weight)
+    constants = plan.controller.constants if action == "gains" else None
+    return Task(plan, regular, constants, low, high, widths, weight)
 
 
 def lost(task: Task) -> float:
@@ -176,7 +178,7 @@ def _check_spread(simulator: SimulatorConfig, widths: tuple[float, ...]) -> None
         for middle, width in zip(simulator.initial_state, widths, strict=True)
     )
     farthest = {"initial.position": (x, theta), "initial.velocity": (x_dot, theta_dot)}
-    build(SimulatorConfig, {**values_of(simulator), **farthest})
+    build(type(simulator), {**values_of(simulator), **farthest})
     if simulator.fall_stop and abs(theta) > simulator.fall_angle:
         raise PlanError(
             f"spread {list(widths)}: the initial angle is up to {abs(theta):g} rad, beyond fall.angle "
@@ -187,10 +189,19 @@ def _check_spread(simulator: SimulatorConfig, widths: tuple[float, ...]) -> None
 def _bounds(
     plan: RunPlan, action: str, largest_gains: Sequence[float] | None
 ) -> tuple[Floats, Floats]:
-    config = cast("PidConfig", plan.controller)
+    config = plan.controller
     if action == "gains":
-        given = [2.0 * gain for gain in config.gains] if largest_gains is None else largest_gains
-        return np.zeros(3), np.array(_numbers("largest_gains", given, 3))
+        own = numbers_in(config.constants)
+        if not all(type(number) is float for number in own):
+            raise PlanError(
+                f"action 'gains': the constants of {plan.controller_name} are not all floats: give 'torque'"
+            )
+        ends = np.array(
+            [2.0 * gain for gain in own]
+            if largest_gains is None
+            else _numbers("largest_gains", largest_gains, len(own))
+        )
+        return np.minimum(ends, 0.0), np.maximum(ends, 0.0)
     if largest_gains is not None:
         raise PlanError("largest_gains: it is for action='gains' only; leave it out")
     limit = plan.simulator.max_effort
@@ -231,14 +242,14 @@ class TorqueTerms(NamedTuple):
 
 
 class PolicyMemory(NamedTuple):
-    """How many actions were taken, and the PID that they tune."""
+    """How many actions were taken, and what the law remembers that they tune."""
 
     effort: float  # N m
     taken: int
-    pid: PidState
+    tuned: LawMemory
 
 
-def policy_law(actions: Sequence[Floats], by_gains: bool) -> Law:
+def policy_law(actions: Sequence[Floats], tuned: Law, by_gains: bool) -> Law:
     """Return the law that takes one action after the other; no action answers the last state."""
 
     def torque(
@@ -248,25 +259,25 @@ def policy_law(actions: Sequence[Floats], by_gains: bool) -> Law:
         if memory.taken == len(actions):
             return memory, TorqueTerms(error, memory.effort, memory.effort, True)
         given = float(actions[memory.taken][0])
-        after = PolicyMemory(limited(given, limits), memory.taken + 1, memory.pid)
+        after = PolicyMemory(limited(given, limits), memory.taken + 1, memory.tuned)
         return after, TorqueTerms(error, given, after.effort, False)
 
     def gains(
         memory: PolicyMemory, sample: Sample, constants: Constants, limits: Limits
-    ) -> tuple[PolicyMemory, Terms]:
+    ) -> tuple[PolicyMemory, LawTerms]:
         if memory.taken == len(actions):
-            return memory, LAW.no_terms._replace(effort=memory.effort, held=True)
-        given = Gains(*map(float, actions[memory.taken]))
-        pid, terms = pid_update(memory.pid, *sample[:4], given, limits)
-        return PolicyMemory(terms.effort, memory.taken + 1, pid), terms._replace(held=False)
+            return memory, tuned.no_terms._replace(effort=memory.effort, held=True)
+        given = made_of(constants, map(float, actions[memory.taken]))
+        after, terms = tuned.update(memory.tuned, sample, given, limits)
+        return PolicyMemory(terms.effort, memory.taken + 1, after), terms._replace(held=False)
 
     return Law(
         POLICY,
         POLICY,
-        LAW.config,
+        tuned.config,
         gains if by_gains else torque,
-        PolicyMemory(0.0, 0, LAW.memory),
-        LAW.terms if by_gains else TorqueTerms,
+        PolicyMemory(0.0, 0, tuned.memory),
+        tuned.terms if by_gains else TorqueTerms,
     )
 
 
@@ -284,7 +295,7 @@ def save_episode(
     """
     plan, config = task.plan_of(drawn, states), task.plan.controller
     run = replace(plan, controllers={POLICY: config})
-    law = policy_law(actions, task.by_gains)
+    law = policy_law(actions, law_of(config), task.constants is not None)
     controllers = {POLICY: Controller(config, law)}
     with suppress(DivergedError):  # as in the environment: the file says so
         stretches = Engine(run, compiled=False, controllers=controllers).states()

@@ -14,25 +14,24 @@ from typing import Any
 
 from jinja2.utils import htmlsafe_json_dumps
 
-from trunk_msgs_util.parameters.declarations import declarations, values_of
-from trunk_msgs_util.units import NANOSECONDS, nanoseconds
-from trunk_sim.disturbances import CHANNELS, Disturbance
-from trunk_sim.simulation import TOO_FAR, UNSTABLE
+from trunk_core.errors import PlanError
+from trunk_core.parameters.declarations import declarations, values_of
+from trunk_core.units import NANOSECONDS, nanoseconds
+from trunk_evidence.run_metrics import QUANTITIES
+from trunk_msgs_util.picture.frames import as_data
+from trunk_msgs_util.picture.shapes import picture_of
+from trunk_runs.engine import TERMS
+from trunk_runs.loop import states_of
+from trunk_runs.plan import RunPlan
+from trunk_sim.disturbances import Disturbance
+from trunk_views.live.feed import Board, plain
+from trunk_views.live.graph_state import Graph
+from trunk_views.parts.page import STYLES, inline, page, part, policy, scripts, write_page
+from trunk_views.report_data import channel_texts
 
-from ..analysis.metrics import QUANTITIES
-from ..errors import PlanError
-from ..gateway.feed import Board
-from ..gateway.graph import Graph
-from ..gateway.protocol import plain
-from ..parts.page import STYLES, inline, page, part, policy, scripts, write_page
-from ..plans.plan import RunPlan
-from ..runs.loop_inputs import states_of
-from ..runs.states import TERMS
-from ..views.report_data import CHANNEL_TEXTS
 from .experiment import FORMAT, check_plan
 from .knobs import Knob, KnobSearch, NodeKnobs, RuleKnob
-from .program import CHUNK, LabProgram, numbers_of_loop
-from .wasm import wasm_of
+from .webassembly import CHUNK, LabProgram, numbers_of_loop, wasm_of
 
 _NOISE = ("surroundings.sensor.position_noise", "surroundings.sensor.velocity_noise")
 _NOT_SHOWN = ("recorder",)
@@ -67,6 +66,7 @@ def lab_of(
         programs[name] = {"wasm": _packed(module), "columns": program.columns}
     places = [number.place for number in numbers_of_loop(first) if number.place]
     simulator = first.simulator
+    words = simulator.kind.of_drive
     limits = simulator.operator_limits
     return {
         "version": version(__package__.partition(".")[0].replace("_", "-")),
@@ -78,16 +78,19 @@ def lab_of(
         "chunk": CHUNK,
         "metrics": list(QUANTITIES),
         "quantities": {
-            key: [text.label, text.unit, text.ranked, text.meaning]
+            key: [words(text.label), words(text.unit), text.ranked, words(text.meaning)]
             for key, text in QUANTITIES.items()
         },
         "channels": [
-            [column, *CHANNEL_TEXTS[channel]]
-            for column, channel in zip(Disturbance._fields, CHANNELS, strict=True)
+            [column, *text]
+            for column, text in zip(
+                Disturbance._fields, channel_texts(simulator.kind).values(), strict=True
+            )
         ],
         "noise": [places.index(place) for place in _NOISE],
         "operator_timeout_ns": nanoseconds(simulator.operator_timeout) if limits else 0,
         **_words(plans, knobs),
+        "picture": as_data(picture_of(values_of(simulator))[0]),
         "knobs": {
             node: {
                 name: _knob_data(plans, node, name, knob) for name, knob in node_knobs.knobs.items()
@@ -98,7 +101,6 @@ def lab_of(
             node: [vars(order) for order in node_knobs.orders] for node, node_knobs in knobs.items()
         },
         "commands": {name: list(words) for name, words in commands.items()},
-        "divergence": {"too_far": TOO_FAR, "unstable": UNSTABLE},
         "experiment": {"format": FORMAT, "columns": TERMS},
         "programs": programs,
     }
@@ -201,8 +203,7 @@ def _packed(data: bytes) -> str:
 
 _ASSETS = files(__package__) / "assets"
 # Before the parts: what stands in the place of a connection. Behind them: what a lab alone has.
-_COMPUTING = ("python_numbers.js", "engine.js")
-_FEED = (*_COMPUTING, "setup.js", "feed.js")
+_FEED = ("engine.js", "setup.js", "feed.js")
 _OWN = ("events.js", "lab.js")
 
 

@@ -1,40 +1,35 @@
-"""An experiment that a lab has saved: its parameters, branch and pushes by hand, and what came of them."""
+"""An experiment that a lab has saved: the page's parameters, what is changed, and what came of it."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.parameters.config import RecorderConfig
-from trunk_msgs_util.parameters.files import Layer, Section, check_names
-from trunk_sim.operator_input import Applied
+from trunk_core.errors import PlanError, TrunkError
+from trunk_core.parameters.parameter_files import Layer, Section
+from trunk_evidence.branching import with_settings
+from trunk_runs.engine import TERMS, States, states_of_run
+from trunk_runs.loop import check_compilable, states_of
+from trunk_runs.offline_recording import Progress, record_states
+from trunk_runs.plan import RunPlan, make_plan
+from trunk_runs.timeline import Pushes
+from trunk_sim.inputs import Applied
 from trunk_sim.simulation import DivergedError
 
-from ..errors import PlanError
-from ..plans.files import config_from
-from ..plans.nodes import CONTROLLERS, declared_names
-from ..plans.plan import RunPlan, check_joints, check_rates
-from ..plans.pushes import Pushes
-from ..replay.branch import with_settings
-from ..runs.engine import states_of_run
-from ..runs.loop_inputs import check_compilable, states_of
-from ..runs.offline_recording import Progress, record_states
-from ..runs.states import TERMS, States
-
-FORMAT = "trunk experiment 1"
+FORMAT = "trunk experiment 2"
 _KEYS: Mapping[str, tuple[type, ...]] = {
     "format": (str,),
     "scenario": (str,),
     "controller": (str,),
     "page": (str,),
-    "parameters": (dict,),
+    "parameters": (dict,),  # of the page
+    "values": (dict,),  # that are other than the page's
     "branch": (dict, type(None)),
     "pushes": (list,),
     "states": (int,),
@@ -134,61 +129,42 @@ def _experiment(data: Any, source: str) -> Experiment:
     ]
     if odd:
         raise PlanError(f"{odd[0][:40]} is missing, unknown, or of another type")
-    name, parameters = data["controller"], data["parameters"]
-    for key in ("scenario", "page"):
+    name = data["controller"]
+    for key in ("scenario", "controller", "page"):
         if len(data[key]) > _LONGEST or not data[key].isprintable():
             raise PlanError(f"{key} is not a line of at most {_LONGEST} characters")
-    if name not in CONTROLLERS:
-        raise PlanError(f"controller {name[:40]!r} is not one of {', '.join(CONTROLLERS)}")
-    if not {"simulator", name} <= parameters.keys() <= {"simulator", name, "disturbance"}:
-        raise PlanError(f"parameters: simulator, {name} and disturbance are needed")
-    layer = _layer(parameters, source)
-    configs = {node: config_from(node, [layer], "").config for node in parameters}
-    disturbance = configs.get("disturbance")
-    active = disturbance is not None and disturbance.active
-    simulator = configs["simulator"]
-    others = [topic for topic in simulator.wait_for if topic != "disturbance"]
-    waited = (*others[:1], *(["disturbance"] if active else []), *others[1:])
-    plan = RunPlan(
-        scenario=data["scenario"],
-        simulator=replace(simulator, wait_for=waited),
-        controllers={name: configs[name]},
-        disturbance=disturbance if active else None,
-        recorder=RecorderConfig(controllers=(name,)),
-    )
-    check_joints(plan)
-    check_rates(plan)
+    if not {"simulator", name} <= data["parameters"].keys():
+        raise PlanError(f"parameters: those of simulator and {name} are needed")
+    sections = *_sections(data["parameters"]), *_sections(data["values"])
+    plan = make_plan(Layer(data["scenario"], sections), name)
     check_plan(plan)
     plan = replace(plan, pushes=_pushes(data["pushes"], plan))
     if data["branch"] is not None:
-        plan = _branched(plan, data["branch"], parameters, source)
+        disturbance = [section for section in sections if section.pattern == "disturbance"]
+        plan = _branched(plan, data["branch"], disturbance)
     return Experiment(plan, data["states"], data["sha256"] or "", data["page"])
 
 
-def _branched(plan: RunPlan, branch: Any, parameters: Any, source: str) -> RunPlan:
+def _branched(plan: RunPlan, branch: Any, disturbance: Sequence[Section]) -> RunPlan:
     """Return the plan with what a branch changes; a disturbance that did nothing begins with it."""
-    at_ns, changed = branch.get("at_ns"), branch.get("parameters")
-    period_ns = plan.simulator.period_ns
-    if branch.keys() != {"at_ns", "parameters"} or not isinstance(changed, dict):
-        raise PlanError("branch: at_ns and parameters are needed")
-    if type(at_ns) is not int or at_ns not in range(0, states_of(plan) * period_ns, period_ns):
+    at_ns, values = branch.get("at_ns"), branch.get("values")
+    if branch.keys() != {"at_ns", "values"} or not isinstance(values, dict):
+        raise PlanError("branch: at_ns and values are needed")
+    if type(at_ns) is not int or at_ns not in _stamps(plan):
         raise PlanError(f"branch: at_ns {str(at_ns)[:40]} is the stamp of no state")
-    layer = _layer(changed, source)
-    if plan.disturbance is None and "disturbance" in changed and "disturbance" in parameters:
-        whole = {**parameters["disturbance"], **changed["disturbance"]}
-        layer = _layer({**changed, "disturbance": whole}, source)
-    return with_settings(plan, at_ns, [layer])
+    nodes = values.keys() & {"simulator", "disturbance", *plan.controllers}
+    sections = [s for s in (*disturbance, *_sections(values)) if s.pattern in nodes]
+    return with_settings(plan, at_ns, [Layer("branch", sections)])
 
 
-def _layer(parameters: Mapping[str, Any], source: str) -> Layer:
-    sections = []
+def _sections(parameters: Mapping[str, Any]) -> list[Section]:
     for node, values in parameters.items():
         if not isinstance(values, dict):
             raise PlanError(f"parameters of {node[:40]} are of another type")
-        sections.append(Section(node, {name: _value(value) for name, value in values.items()}))
-    layer = Layer(source, tuple(sections))
-    check_names([layer], declared_names())
-    return layer
+    return [
+        Section(node, {name: _value(value) for name, value in values.items()})
+        for node, values in parameters.items()
+    ]
 
 
 def _value(value: Any) -> Any:
@@ -198,23 +174,22 @@ def _value(value: Any) -> Any:
     return float(value) if value in ("inf", "-inf") else value
 
 
+def _stamps(plan: RunPlan) -> range:
+    period_ns = plan.simulator.period_ns
+    return range(0, states_of(plan) * period_ns, period_ns)
+
+
 def _pushes(listed: list[Any], plan: RunPlan) -> Pushes:
-    limits, period_ns = plan.simulator.operator_limits, plan.simulator.period_ns
+    limits, stamps = plan.simulator.operator_limits, _stamps(plan)
     pushes: list[tuple[int, Applied]] = []
-    stamps = range(0, states_of(plan) * period_ns, period_ns)
-    if listed and limits is None:
-        raise PlanError("pushes: operator.force and operator.torque are 0: nobody may push")
     for entry in listed:
         kinds = list(map(type, entry)) if isinstance(entry, list) else []
         if len(kinds) != 3 or kinds[0] is not int or not {*kinds} <= {int, float}:
             raise PlanError(f"pushes: {entry!r:.40}: a stamp in ns, N and N m are needed")
         stamp_ns, applied = entry[0], Applied(*map(float, entry[1:]))
-        last_ns = pushes[-1][0] if pushes else -1
         if limits is None or limits.clip(applied) != applied:
-            raise PlanError(
-                f"pushes: {entry!r:.40} is beyond what the simulator takes from an operator"
-            )
-        if stamp_ns <= last_ns or stamp_ns not in stamps:
+            raise PlanError(f"pushes: {entry!r:.40} is beyond the operator's limits")
+        if stamp_ns not in stamps or (pushes and stamp_ns <= pushes[-1][0]):
             raise PlanError(
                 f"pushes: {stamp_ns!r:.40} is the stamp of no state, or not after the one before"
             )

@@ -15,7 +15,8 @@ from math import inf, isfinite
 from typing import Any
 
 from trunk_control.rule_base import RuleBaseConfig
-from trunk_msgs_util.parameters.declarations import (
+from trunk_core.errors import PlanError
+from trunk_core.parameters.declarations import (
     Declaration,
     ParameterError,
     Value,
@@ -23,11 +24,10 @@ from trunk_msgs_util.parameters.declarations import (
     declarations,
     values_of,
 )
-from trunk_msgs_util.units import nanoseconds
+from trunk_core.units import nanoseconds
+from trunk_runs.plan import RunPlan
 
-from ..errors import PlanError
-from ..plans.plan import RunPlan
-from .program import numbers_of_loop, values_of_loop
+from .webassembly import numbers_of_loop, values_of_loop
 
 _TRIES = 8
 _NANOSECONDS, _REAL, _INTEGER = "ns", "real", "integer"

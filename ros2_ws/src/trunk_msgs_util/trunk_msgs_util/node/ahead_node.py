@@ -5,19 +5,20 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import TypeVar
 
-from .. import topics
-from ..events import Event
-from ..parameters.config import ManagedConfig
-from ..samples import JointSample
+from trunk_core import topics
+from trunk_core.parameters.shared import PeriodicConfig
+from trunk_core.samples import JointSample
+from trunk_core.topics import Event
+from trunk_core.units import LAST_STAMP_NS
+
 from ..source import source_in
-from ..units import LAST_STAMP_NS
 from . import discovery
-from .adaptive import AdaptiveSubscription
 from .base import TrunkNode
 from .conversions import WireReader, sample_to_wire
-from .replayable import ReplayablePublisher
+from .endpoints import AdaptiveSubscription, ReplayablePublisher
+from .ros_parameters import ConfigClass
 
-Config = TypeVar("Config", bound=ManagedConfig)
+Config = TypeVar("Config", bound=PeriodicConfig)
 
 
 class AheadNode(TrunkNode[Config]):
@@ -26,7 +27,7 @@ class AheadNode(TrunkNode[Config]):
     The first state is answered with its own value and the next one's, every other with the next one's.
     """
 
-    def __init__(self, name: str, config_class: type[Config], topic: str) -> None:
+    def __init__(self, name: str, config_class: ConfigClass[Config], topic: str) -> None:
         super().__init__(name, config_class)
         self._topic = topic
         self._read = WireReader()
@@ -39,11 +40,6 @@ class AheadNode(TrunkNode[Config]):
         self._publisher = self.create_replayable(self._topic)
         AdaptiveSubscription(self, topics.GROUND_TRUTH, self._on_state)
         self._ready_timer = self.every(0.02, self._announce)
-
-    @property
-    @abstractmethod
-    def period_ns(self) -> int:
-        """The plant's period, ns."""
 
     @abstractmethod
     def sample_at(self, stamp_ns: int) -> JointSample:
@@ -61,7 +57,7 @@ class AheadNode(TrunkNode[Config]):
         if not self.active:
             return
         stamp_ns = self._read(data).stamp_ns
-        next_ns = stamp_ns + self.period_ns
+        next_ns = stamp_ns + self.config.period_ns
         if stamp_ns < 0 or next_ns > LAST_STAMP_NS:
             self.refuse("states malformed", f"a stamp of {stamp_ns} ns: at least 0 is needed")
             return

@@ -19,20 +19,20 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from rclpy.utilities import get_rmw_implementation_identifier
 
-from .. import topics
-from ..deadline import patience
-from ..errors import EXIT_FAILED, TrunkError
-from ..events import Event
-from ..parameters.config import ManagedConfig
-from ..parameters.declarations import ParameterError, declarations, values_of
-from ..recording import schemas
-from ..recording.schemas import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN
-from ..samples import Value
+from trunk_core import topics
+from trunk_core.deadline import patience
+from trunk_core.errors import EXIT_FAILED, TrunkError
+from trunk_core.parameters.declarations import ParameterError, declarations, values_of
+from trunk_core.parameters.shared import ManagedConfig
+from trunk_core.samples import Value
+from trunk_core.text import printable
+from trunk_core.topics import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Event
+from trunk_recording import schemas
+
 from ..source import HeldError, claimed, is_older, local_pid, process_id, same_machine, source
-from ..text import printable
-from . import qos, replayable
+from . import endpoints, qos
 from .discovery import Wait, Waiting
-from .ros_parameters import NodeParameters
+from .ros_parameters import ConfigClass, NodeParameters
 
 Config = TypeVar("Config", bound=ManagedConfig)
 RCLError = rclpy_implementation.RCLError
@@ -68,7 +68,7 @@ class TrunkNode(LifecycleNode, Generic[Config]):
     Of two nodes of one name in a namespace and domain the older one stays: a recording would mix them.
     """
 
-    def __init__(self, name: str, config_class: type[Config]) -> None:
+    def __init__(self, name: str, config_class: ConfigClass[Config]) -> None:
         """Declare and check the parameters. Raises ParameterError and DuplicateNodeError."""
         super().__init__(name, start_parameter_services=False)  # they are made with the parameters
         self.kind = name  # the node's own name may be remapped
@@ -85,7 +85,7 @@ class TrunkNode(LifecycleNode, Generic[Config]):
         self._service_change_state.callback = self._on_change_state
         self.run_stamp_ns = -1  # before the first state
         self._born_s = time.monotonic()
-        self._replayable: list[replayable.ReplayablePublisher] = []
+        self._replayable: list[endpoints.ReplayablePublisher] = []
         self._accounted = False
         self._configured_s = time.monotonic()
         self._doubled_since_s: float | None = None
@@ -320,12 +320,12 @@ class TrunkNode(LifecycleNode, Generic[Config]):
         )
         return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
 
-    def create_replayable(self, topic: str, live: bool = True) -> replayable.ReplayablePublisher:
+    def create_replayable(self, topic: str, live: bool = True) -> endpoints.ReplayablePublisher:
         """Create a publisher of serialized JointState messages that the recorder must not miss.
 
         Unless they are ``live``, the recorder alone hears them.
         """
-        self._replayable.append(replayable.ReplayablePublisher(self, topic, live))
+        self._replayable.append(endpoints.ReplayablePublisher(self, topic, live))
         return self._replayable[-1]
 
     def event(self, message: Event, level: int = LEVEL_OK, **values: object) -> None:
@@ -395,7 +395,7 @@ class TrunkNode(LifecycleNode, Generic[Config]):
 
     def _clean_up(self) -> None:
         self._say_refused()
-        replayable.await_acknowledgement(self, self._born_s, self._replayable)
+        endpoints.await_acknowledgement(self, self._born_s, self._replayable)
         self._replayable.clear()
         self.tear_down()
         self.counters.clear()
@@ -413,7 +413,7 @@ class TrunkNode(LifecycleNode, Generic[Config]):
     def account(self) -> None:
         """Report, once, how much evidence was published; nothing is published after it."""
         self._say_refused()
-        counts = replayable.counted(self._replayable)
+        counts = endpoints.counted(self._replayable)
         if counts and not self._accounted:
             self._accounted = True
             self.event(Event.PUBLISHED, LEVEL_OK, **counts)
@@ -421,7 +421,7 @@ class TrunkNode(LifecycleNode, Generic[Config]):
     def close(self) -> None:
         """Report how much evidence was published, wait a bounded time until it is recorded, then destroy."""
         self.account()
-        replayable.await_acknowledgement(self, self._born_s, self._replayable)
+        endpoints.await_acknowledgement(self, self._born_s, self._replayable)
         self.destroy_node()
         self._claim.close()
 

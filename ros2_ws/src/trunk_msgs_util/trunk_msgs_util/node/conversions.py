@@ -8,9 +8,9 @@ from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from ..recording.joint_state_cdr import JointStateLayout, layout_of, shared
-from ..samples import JointSample
-from ..units import LAST_STAMP_NS, NANOSECONDS
+from trunk_core.samples import JointSample
+from trunk_core.units import LAST_STAMP_NS, NANOSECONDS
+from trunk_recording.cdr import JointStateLayout, layout_of, shared
 
 
 def stamp_to_ros(stamp_ns: int) -> Time:

@@ -19,9 +19,9 @@ from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from .. import topics
-from ..topics import UNKNOWN_NODE
-from ..units import seconds
+from trunk_core import topics
+from trunk_core.topics import UNKNOWN_NODE
+from trunk_core.units import seconds
 
 # Of an endpoint's GUID, the bytes that name its DDS participant.
 _PARTICIPANT = slice(12)

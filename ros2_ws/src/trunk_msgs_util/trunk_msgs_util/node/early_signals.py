@@ -17,8 +17,9 @@ from importlib import import_module
 from pathlib import Path
 from types import FrameType
 
-from .. import streams
-from ..errors import EXIT_FAILED, EXIT_USAGE, TrunkError, unusable_setting
+from trunk_core.errors import EXIT_FAILED, EXIT_USAGE, TrunkError, unusable_setting
+from trunk_core.files import leave, prepare_streams
+
 from . import middleware
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
@@ -94,7 +95,7 @@ def node(module: str, *arguments: str, undone: str = "") -> Callable[[], None]:
         os._exit(EXIT_FAILED if undone else 0)
 
     def main() -> None:
-        streams.prepare()
+        prepare_streams()
         if any(option.startswith("error") for option in sys.warnoptions):  # rclpy itself warns
             warnings.simplefilter("default")
         end_by(end)
@@ -107,7 +108,7 @@ def node(module: str, *arguments: str, undone: str = "") -> Callable[[], None]:
             import_module(module).main(*arguments)
         except SystemExit as stop:
             if isinstance(stop.code, int):
-                streams.leave(stop.code)
+                leave(stop.code)
             raise
         except Exception as error:
             line = unusable_setting(error)

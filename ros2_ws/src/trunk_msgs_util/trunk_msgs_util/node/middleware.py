@@ -12,8 +12,8 @@ from functools import cache
 from itertools import count
 from pathlib import Path
 
-from ..deadline import Deadline, patience
-from ..errors import SettingError, TrunkError
+from trunk_core.deadline import Deadline, patience
+from trunk_core.errors import SettingError, TrunkError
 
 PROFILES = Path(__file__).with_name("fastdds.xml")
 PROFILES_FILE = "FASTRTPS_DEFAULT_PROFILES_FILE"

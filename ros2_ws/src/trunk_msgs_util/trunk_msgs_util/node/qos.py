@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from .. import topics
+from trunk_core import topics
 
 # Evidence is kept by its publisher, so that a recorder that joins late misses nothing.
 EVIDENCE_DEPTH = topics.LIVE_DEPTH

@@ -21,24 +21,25 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState
 
-from .. import provenance, topics
+from trunk_core import topics
+from trunk_core.parameters.declarations import ParameterError
+from trunk_core.parameters.shared import RecorderConfig
+from trunk_core.samples import JointSample
+from trunk_core.text import printable
+from trunk_core.topics import JOINT_STATE_TYPE, Event
+from trunk_core.units import LAST_STAMP_NS, NANOSECONDS, nanoseconds
+from trunk_recording import provenance
+from trunk_recording.cdr import frame_in
+from trunk_recording.schemas import ParameterChange, parse_event, parse_parameter_event
+from trunk_recording.writer import PROVENANCE, RecordingWriter
+
 from ..completeness import OF_STATES_IN_REAL_TIME, Account
-from ..events import Event
-from ..parameters.config import RecorderConfig
-from ..parameters.declarations import ParameterError
 from ..picture.film import Film, value
-from ..recording.joint_state_cdr import frame_in
-from ..recording.schemas import ParameterChange, parse_event, parse_parameter_event
-from ..recording.writer import PROVENANCE, RecordingWriter
-from ..samples import JointSample
 from ..source import process_id, process_of, source_in
-from ..text import printable
-from ..topics import JOINT_STATE_TYPE
-from ..units import LAST_STAMP_NS, NANOSECONDS, nanoseconds
 from . import discovery, qos
 from .base import TrunkNode
 from .conversions import WireReader, sample_to_wire
-from .run import main_for
+from .execution import main_for
 
 _MESSAGES: dict[str, type[Any]] = {
     topics.JOINT_STATE_TYPE: JointState,
@@ -288,7 +289,7 @@ def _refused(path: Path, allowed: str) -> ParameterError:
 
 
 _TERMS = "terms"  # those of the controller heard last
-_OF_A_PLANT = "plant.length"  # a parameter that no other node has
+_OF_A_PLANT = "initial.position"  # a parameter that no other node has
 
 
 class Pictures:
@@ -299,6 +300,7 @@ class Pictures:
 
     def __init__(self) -> None:
         self._film = Film()
+        self._plant = ""  # its node
         self._newest: dict[str, bytes] = {}
         self._read: defaultdict[str, WireReader] = defaultdict(WireReader)
 
@@ -310,15 +312,20 @@ class Pictures:
             return partial(self._newest.__setitem__, _TERMS)
         return None
 
-    def reconfigure(self, change: ParameterChange) -> None:
-        """Take a node's parameters."""
-        for values in (change.new, change.changed):
-            if _OF_A_PLANT in values:
-                self._film.reconfigure(values)
+    def reconfigure(self, change: ParameterChange) -> str:
+        """Take a node's parameters; return why a new plant is not drawn, empty if it is."""
+        if _OF_A_PLANT in change.new:
+            self._plant = change.node
+        if change.node != self._plant:
+            return ""
+        return self._film.reconfigure(change.new, change.changed)
 
     def picture(self, stamp_ns: int, truth: bytes, log_ns: int) -> Iterator[tuple[str, bytes]]:
-        """Yield the topics and messages of a true state's picture; none for a state that is not drawn."""
-        if not self._film.is_due(stamp_ns):
+        """Yield the topics and messages of a true state's picture; none for a state that is not drawn.
+
+        One that comes before the plant is known leaves its turn to the next.
+        """
+        if not self._film.is_due(stamp_ns) or self._film.geometry is None:
             return
         read = {name: self._read[name](data) for name, data in self._newest.items()}
         state = self._read[topics.GROUND_TRUTH](truth)
@@ -558,8 +565,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         if self.is_second(change.node, process_of(change.source)):
             return
         self._account.take_parameters(change)
-        if self._pictures is not None:
-            self._pictures.reconfigure(change)
+        if self._pictures is not None and (problem := self._pictures.reconfigure(change)):
+            self.get_logger().warning(printable(problem))
 
     def _on_event(self, data: bytes) -> None:
         try:

@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
-from ..parameters.declarations import (
+from trunk_core.parameters.declarations import (
     ONLY_PLANNED,
     Declaration,
     ParameterError,
@@ -38,9 +38,10 @@ from ..parameters.declarations import (
     values_of,
     with_cells,
 )
-from ..parameters.to_si import meant
+from trunk_core.parameters.to_si import meant
 
 Config = TypeVar("Config")
+ConfigClass = type[Config] | Callable[[Mapping[str, object]], type[Config]]
 
 _TYPES = {
     "bool": Parameter.Type.BOOL,
@@ -98,24 +99,26 @@ class NodeParameters(Generic[Config]):
     def __init__(
         self,
         node: Node,
-        config_class: type[Config],
+        config_class: ConfigClass[Config],
         on_change: Callable[[Config, Config], None],
         barred: Callable[[], str] = lambda: "",
     ) -> None:
         """Declare everything. Raises ParameterError for a bad value: the node is gone. Warns of odd names.
 
+        ``config_class``: or a function that chooses it by the values given, of any type.
+
         ``barred`` returns why nothing may be changed now; empty if changes are allowed.
         A CSV file that only plans read is refused, not ignored.
         """
         self._node = node
-        self._class = config_class
-        self._declared = declarations(config_class)
         self._on_change = on_change
         self._barred = barred
         # The only place where rclpy keeps overrides of any type, and those that nothing declares.
         self._overrides: Mapping[str, object] = node._parameter_overrides
         try:
-            self.config = build(config_class, self._take_overrides())
+            self._class = self._chosen(config_class)
+            self._declared = declarations(self._class)
+            self.config = build(self._class, self._take_overrides())
         except ParameterError:
             node.destroy_node()  # nobody else can: its constructor will not return
             raise
@@ -125,6 +128,12 @@ class NodeParameters(Generic[Config]):
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._apply)
         _Services(node, self)
+
+    def _chosen(self, config_class: ConfigClass[Config]) -> type[Config]:
+        if isinstance(config_class, type):
+            return config_class
+        values = {name: getattr(o, "value", o) for name, o in self._overrides.items()}
+        return config_class(values)
 
     def _take_overrides(self) -> dict[str, object]:
         """Return the values from files and the command line, of any type."""

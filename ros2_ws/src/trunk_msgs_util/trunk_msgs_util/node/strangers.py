@@ -16,7 +16,8 @@ from rclpy.node import Node
 from rclpy.qos import qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from .. import topics
+from trunk_core import topics
+
 from . import discovery
 
 # The first two bytes of an endpoint's GUID name its DDS (OMG: DDSI-RTPS vendor ids).

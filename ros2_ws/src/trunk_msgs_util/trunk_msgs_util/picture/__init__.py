@@ -1,1 +1,1 @@
-"""A run as a picture: shapes, their messages, and when a recording gets one. Pure."""
+"""A plant as frames, a run as shapes, their messages, and when a recording gets one. Pure."""

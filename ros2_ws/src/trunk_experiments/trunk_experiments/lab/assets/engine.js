@@ -6,7 +6,7 @@
 // What a parameter may be in a lab: "" or one line that says what is allowed. `present`: the node's other values.
 const checkValue = (lab, node, name, value, present = {}) => {
   const where = `${node}.${name} = ${Array.isArray(value) ? `[${value.join(", ")}]` : value}`;
-  const knob = lab.knobs[node]?.[name];
+  const knob = Object.hasOwn(lab.knobs, node) && Object.hasOwn(lab.knobs[node], name) && lab.knobs[node][name];
   if (!knob) {
     const reason = lab.declared[node]?.[name]?.refused;
     return `${where}: ${reason ? `no knob: ${reason}: give it to trunk lab` : "there is no such parameter"}`;
@@ -44,7 +44,7 @@ const checkRules = (where, knob, rows) => {
 // JSON has no infinities: they are texts.
 const numberOf = (value) => {
   if (typeof value === "number") return value;
-  return { inf: Infinity, "+inf": Infinity, "-inf": -Infinity }[value] ?? NaN;
+  return new Map([["inf", Infinity], ["+inf", Infinity], ["-inf", -Infinity]]).get(value) ?? NaN;
 };
 // The nearest nanosecond, half to even, as Python rounds.
 const nanoseconds = (seconds) => {
@@ -53,18 +53,32 @@ const nanoseconds = (seconds) => {
   const rest = exact - below;
   return BigInt(rest > 0.5 || (rest === 0.5 && below % 2 !== 0) ? below + 1 : below);
 };
-const checkSetup = (lab, setup) => {
-  for (const [values, late] of [[setup.values, false], [setup.branch?.values ?? {}, true]]) {
-    for (const [node, changed] of Object.entries(values)) {
-      const present = { ...setup.values[node], ...changed };
+const isObject = (value) => value?.constructor === Object;
+// What an experiment may be in a lab, of which a link may have anything: "" or one line.
+const checkSetup = (lab, { values, branch, pushes }) => {
+  const late = branch === null ? { at_ns: 0, values: {} } : branch;
+  if (![values, late, late?.values].every(isObject) || !Array.isArray(pushes)) return "values, branch and pushes are needed";
+  for (const part of [values, late.values]) {
+    for (const [node, changed] of Object.entries(part)) {
+      if (!isObject(changed)) return `${node}: it has no parameters`;
+      const present = { ...values[node], ...changed };
       for (const [name, value] of Object.entries(changed)) {
         const problem = checkValue(lab, node, name, value, present);
         if (problem) return problem;
-        if (late && lab.declared[node][name].start) return `${node}.${name}: it is fixed when a run starts: a branch cannot change it`;
+        if (part !== values && lab.declared[node][name].start) return `${node}.${name}: it is fixed when a run starts: a branch cannot change it`;
       }
     }
   }
-  return "";
+  const within = (stamp) => Number.isSafeInteger(stamp) && stamp % lab.period_ns === 0 && stamp >= 0 && stamp < lab.states * lab.period_ns;
+  const { force, torque } = lab.world.operator;
+  let before = -1;
+  for (const push of pushes) {
+    if (!Array.isArray(push) || push.length !== 3 || !push.every(Number.isFinite)) return "a push is damaged";
+    if (!within(push[0]) || push[0] <= before) return "a push is at no time of the run, or not after the one before";
+    if (Math.abs(push[1]) > force || Math.abs(push[2]) > torque) return `a push is beyond ${force} N or ${torque} N·m`;
+    before = push[0];
+  }
+  return within(late.at_ns) ? "" : "the branch is at no time of the run";
 };
 
 const openEngine = async (lab, name) => {
@@ -128,15 +142,6 @@ class Engine {
 
   // What disturbs at the stamp after the last state: N, N m, m, rad.
   get ahead() { return this.#doubles(this.#code.disturbance_in(this.count), 4); }
-
-  // Why the run diverged; empty if it did not.
-  get reason() {
-    if (this.ended !== "diverged") return "";
-    const last = this.count - 1;
-    return pythonNumbers.format(this.lab.divergence[this.#code.beyond() ? "too_far" : "unstable"], {
-      t: last * this.lab.period_ns / 1e9, angle: this.table[last * this.width + 1], effort: this.#code.last_torque(),
-    });
-  }
 
   // { values: {metric: number, null where it is not defined, infinite: never}, failure: "" or why there are none }
   metrics() {

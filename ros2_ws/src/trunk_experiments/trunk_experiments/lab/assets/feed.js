@@ -165,18 +165,10 @@ const wire = (() => {
       known.nodes.set(name, { ...lab.nodes[name], state: "active", parameters: setups.parametersOf(lab, setup, name) });
       say("node", known.nodes.get(name));
     }
-    const { path } = lab.world;
     const now = setups.parametersOf(lab, setup, "simulator");
-    const differs = (name) => JSON.stringify(now[name]) !== JSON.stringify(lab.nodes.simulator.parameters[name]);
-    const value = (name, usual) => (differs(name) ? now[name] : usual);
-    const harmonics = path.harmonics.map((usual, i) => (i % 2 ? value("path.sines", null)?.[i >> 1] : value("path.cosines", null)?.[i >> 1]) ?? usual);
-    known.world = {
-      ...lab.world, limit: value("max_effort", lab.world.limit),
-      path: {
-        amplitude: value("path.amplitude", path.amplitude), wavenumber: value("path.wavenumber", path.wavenumber), harmonics,
-        length: value("plant.length", path.length),
-      },
-    };
+    // A name with a dot stands for the parameter's value; with a factor it is a part of that.
+    const value = (_, part) => (part?.factor !== undefined ? part.name * part.factor : part?.includes?.(".") ? now[part] : part);
+    known.world = { ...lab.world, limit: now.max_effort, picture: JSON.parse(JSON.stringify(lab.picture), value) };
     say("world", known.world);
   };
   const select = (name) => {

@@ -53,7 +53,7 @@
     const lines = runs.flatMap(({ name }, i) => doubts[i].map((text) => made("li", `${name} ${text}`, "bad")));
     for (const run of runs) {
       const time = limited(run);
-      if (time > 0) lines.push(made("li", `${run.name} is at its torque limit for ${showNumber(time, 3)} s`));
+      if (time > 0) lines.push(made("li", `${run.name} is at its ${inWords("torque")} limit for ${showNumber(time, 3)} s`));
     }
     const differing = tasks();
     if (differing.length) lines.push(made("li", `NOT RANKED: the runs have different tasks: ${differing.join(", ")}`));
@@ -108,7 +108,7 @@
     const references = runs.map(planned.reference);
     if (new Set(references).size === 1) words.push(`Reference: ${references[0]}`);
     else references.forEach((text, i) => words.push(`Reference of ${runs[i].name}: ${text}`));
-    if (runs.some(({ events, plant }) => events.length && plant.last > events[0].t)) words.push("There is no ground: a fallen trunk goes on and may be brought up again");
+    if (runs.some(({ events, plant }) => events.length && plant.last > events[0].t)) words.push(inWords("There is no ground: a fallen trunk goes on and may be brought up again"));
     at("acts").textContent = `${words.join(". ")}.`;
     document.documentElement.dataset.whole = "true";
   };

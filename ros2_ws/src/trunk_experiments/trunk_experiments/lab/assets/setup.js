@@ -3,37 +3,10 @@
 const freshSetup = () => ({ values: {}, branch: null, pushes: [] });
 const isDefaultSetup = ({ values, branch, pushes }) => !Object.keys(values).length && !branch && !pushes.length;
 
-// What disturbs when a run starts, and what a branch makes of it, as `trunk simulate` and `trunk branch` have it.
-const disturbing = (() => {
-  const SHARED = ["update_rate", "joints"]; // with the simulator
-  // Whether any signal is not zero: the node runs only then.
-  const active = (values) => {
-    const pulses = values["pulse.start_times"].length || values["pulse.random_count"];
-    return Boolean((pulses && values["pulse.magnitude"] && values["pulse.duration"])
-      || values["sine.amplitude"] || values["noise.rms"] || values["table.values"].some(Boolean));
-  };
-  // The parameters of a node that comes with a branch, before the branch changes them.
-  const fresh = (lab) => Object.fromEntries(Object.entries(lab.declared.disturbance).map(
-    ([name, { default: usual }]) => [name, SHARED.includes(name) ? lab.nodes.disturbance.parameters[name] : usual],
-  ));
-  // null, or a run that nothing disturbs when it starts: what a branch starts from, and what it changes.
-  const late = (lab, { values, branch }) => {
-    if (!lab.nodes.disturbance) return null;
-    const first = { ...lab.nodes.disturbance.parameters, ...values.disturbance };
-    if (active(first)) return null;
-    const before = fresh(lab);
-    const after = Object.keys(branch?.values.disturbance ?? {}).length ? { ...first, ...branch.values.disturbance } : before;
-    return { before, changed: Object.fromEntries(Object.entries(after).filter(([name, value]) => JSON.stringify(value) !== JSON.stringify(before[name]))) };
-  };
-  return { late };
-})();
-
 const setups = (() => {
-  const VERSION = 1;
   const LONGEST = 100_000; // letters of a link
   const LARGEST = 2_000_000; // bytes in it
 
-  const squeezed = (data, stream) => new Response(new Blob([data]).stream().pipeThrough(stream));
   // The bytes of a stream, of which no more are taken than are allowed.
   const bounded = async (data) => {
     const reader = new Blob([data]).stream().pipeThrough(new DecompressionStream("deflate-raw")).getReader();
@@ -47,32 +20,12 @@ const setups = (() => {
     return new Blob(parts).text();
   };
 
-  // Stamps as differences in states.
-  const link = async (lab, { values, branch, pushes }) => {
-    let before = 0;
-    const short = pushes.map(([stamp, force, torque]) => {
-      const index = stamp / lab.period_ns;
-      const step = index - before;
-      before = index;
-      return [step, force, torque];
-    });
-    const text = JSON.stringify([VERSION, values, branch && [branch.at_ns / lab.period_ns, branch.values], short]);
-    const bytes = new Uint8Array(await squeezed(text, new CompressionStream("deflate-raw")).arrayBuffer());
+  // What is changed, as a link has it, and a file with more.
+  const changes = (lab, setup) => ({ format: lab.experiment.format, ...setup });
+  const link = async (lab, setup) => {
+    const packed = new Blob([JSON.stringify(changes(lab, setup))]).stream().pipeThrough(new CompressionStream("deflate-raw"));
+    const bytes = new Uint8Array(await new Response(packed).arrayBuffer());
     return btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
-  };
-  const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
-  const checkValues = (lab, values) => {
-    if (!isObject(values)) throw new Error("it has no parameters");
-    for (const [node, changed] of Object.entries(values)) {
-      if (!Object.hasOwn(lab.declared, node) || !isObject(changed)) throw new Error(`this lab has no node ${node.slice(0, 40)}`);
-      for (const name of Object.keys(changed))
-        if (!Object.hasOwn(lab.declared[node], name)) throw new Error(`${node} has no parameter ${name.slice(0, 40)}`);
-    }
-    return values;
-  };
-  const index = (lab, value) => {
-    if (!Number.isSafeInteger(value) || value < 0 || value >= lab.states) throw new Error("a time is not in the run");
-    return value * lab.period_ns;
   };
   // The experiment in a link. Throws Error, one line.
   const open = async (lab, fragment) => {
@@ -84,24 +37,11 @@ const setups = (() => {
     } catch {
       throw new Error("it is damaged");
     }
-    if (!Array.isArray(data) || data[0] !== VERSION || !Array.isArray(data[3])) throw new Error("it is not of this lab");
-    const [, values, branch, short] = data;
-    let at = 0;
-    const pushes = short.map((push) => {
-      if (!Array.isArray(push) || push.length !== 3 || !push.every(Number.isFinite) || (push[0] <= 0 && at > 0)) throw new Error("a push is damaged");
-      at += push[0];
-      return [index(lab, at), push[1], push[2]];
-    });
-    const setup = {
-      values: checkValues(lab, values),
-      branch: Array.isArray(branch) ? { at_ns: index(lab, branch[0]), values: checkValues(lab, branch[1]) } : null,
-      pushes,
-    };
-    const { force, torque } = lab.world.operator;
-    if (pushes.some((push) => Math.abs(push[1]) > force || Math.abs(push[2]) > torque)) throw new Error(`a push is beyond ${force} N or ${torque} N·m`);
-    const problem = checkSetup(lab, setup);
+    if (data?.format !== lab.experiment.format) throw new Error("it is not of this lab");
+    const { values, branch, pushes } = data;
+    const problem = checkSetup(lab, { values, branch, pushes });
     if (problem) throw new Error(problem);
-    return setup;
+    return { values, branch: branch && { at_ns: branch.at_ns, values: branch.values }, pushes };
   };
 
   // A node's parameters, with the experiment's changes.
@@ -131,13 +71,11 @@ const setups = (() => {
   const experiment = async (lab, name, run) => {
     const { setup, count } = run;
     const nodes = ["simulator", "disturbance", name].filter((node) => lab.nodes[node]);
-    const { branch } = setup;
-    const late = branch && branch.at_ns < count * lab.period_ns && Object.entries(branch.values).filter(([node]) => nodes.includes(node));
     return {
-      format: lab.experiment.format, scenario: lab.scenario, controller: name, page: lab.digest,
-      parameters: Object.fromEntries(nodes.map((node) => [node, parametersOf(lab, { ...setup, branch: null }, node)])),
-      branch: late ? { at_ns: branch.at_ns, parameters: Object.fromEntries(late) } : null,
-      pushes: setup.pushes, states: count, sha256: await digest(run, lab.experiment.columns),
+      ...changes(lab, setup), scenario: lab.scenario, controller: name, page: lab.digest,
+      parameters: Object.fromEntries(nodes.map((node) => [node, lab.nodes[node].parameters])),
+      branch: setup.branch?.at_ns < count * lab.period_ns ? setup.branch : null,
+      states: count, sha256: await digest(run, lab.experiment.columns),
     };
   };
   // All states as CSV in SI units; a term has its value where the law was updated.
@@ -152,6 +90,14 @@ const setups = (() => {
     }
     return `${lines.join("\n")}\n`;
   };
+  // What a branch sets; of a disturbance, which may begin with it, all that is not as it is declared.
+  const given = (lab, setup) => {
+    const { disturbance, ...values } = setup.branch?.values ?? {};
+    if (!disturbance) return values;
+    const usual = (name) => JSON.stringify(lab.declared.disturbance[name].default);
+    const all = Object.entries(parametersOf(lab, setup, "disturbance"));
+    return { ...values, disturbance: Object.fromEntries(all.filter(([name, value]) => Object.hasOwn(disturbance, name) || JSON.stringify(value) !== usual(name))) };
+  };
   // The commands that compute a controller's run anew, with the same bits.
   const commands = (lab, name, setup) => {
     const line = (words) => words.map(quoted).join(" ");
@@ -165,9 +111,8 @@ const setups = (() => {
     }
     const lines = [line([...lab.commands[name], ...settings(lab, setup.values, nodes), "-o", file])];
     const before = Object.fromEntries(nodes.map((node) => [node, { ...lab.nodes[node], parameters: parametersOf(lab, { ...setup, branch: null }, node) }]));
-    const late = disturbing.late(lab, setup);
-    const changes = setup.branch ? settings({ ...lab, nodes: before }, { ...setup.branch.values, ...(late && { disturbance: late.changed }) }, nodes) : [];
-    if (changes.length) lines.push(line(["trunk", "branch", file, "--at", String(setup.branch.at_ns / 1e9), ...changes, "-o", `${stemOf(lab, name, "branch")}.mcap`]));
+    const late = settings({ ...lab, nodes: before }, given(lab, setup), nodes);
+    if (late.length) lines.push(line(["trunk", "branch", file, "--at", String(setup.branch.at_ns / 1e9), ...late, "-o", `${stemOf(lab, name, "branch")}.mcap`]));
     return lines;
   };
   return { link, open, parametersOf, commands, experiment, csv, stemOf };

@@ -1,1 +1,0 @@
-"""Numbers of one run: the table of its signals, and the metrics."""

@@ -1,1 +1,0 @@
-"""Access to a running graph from outside."""

@@ -1,1 +1,0 @@
-"""Judges past runs: recomputes, compares, explains and repeats them."""

@@ -1,1 +1,0 @@
-"""Runs plans, in the ROS 2 graph and offline."""

@@ -1,1 +1,0 @@
-"""Studies: grids and draws over any parameter; sweeps, comparisons, maps."""

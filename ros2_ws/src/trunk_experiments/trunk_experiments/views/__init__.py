@@ -1,1 +1,0 @@
-"""Looking at runs: plots, reports, comparisons, extracts, markers."""

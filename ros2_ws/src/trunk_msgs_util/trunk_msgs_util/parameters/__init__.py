@@ -1,1 +1,0 @@
-"""What a parameter is: declarations, files, and the settings that nodes share. No ROS."""

@@ -1,0 +1,1 @@
+from .short_runs import hostile_run, short_run  # noqa: F401

@@ -1,0 +1,1 @@
+"""The plants that come with the simulator."""
