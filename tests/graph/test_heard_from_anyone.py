@@ -205,6 +205,7 @@ def test_a_late_viewer_of_a_live_topic_sees_only_the_present(
     simulator = children.node("simulator", "duration:=0.0", "wait_for:=[]")
     kept = peer.hear(topics.GROUND_TRUTH)
     peer.until(lambda: len(kept) > 100, "half a second is past")
+    peer.until(lambda: peer.node.count_publishers(topics.GROUND_TRUTH), "its publisher is found")
     offered = peer.node.get_publishers_info_by_topic(topics.GROUND_TRUTH)
     assert [found.qos_profile.durability for found in offered] == [DurabilityPolicy.VOLATILE]
     seen = peer.hear_live(topics.GROUND_TRUTH)
