@@ -156,7 +156,8 @@ def test_a_strangers_command_is_named_by_its_stamp_alone(
         answered.append(answer)
 
     peer.node.create_subscription(JointState, topics.JOINT_STATES, on_state, 10)
-    simulator = children.node("simulator", "duration:=0.0", f"wait_for:=[{topics.EFFORT_COMMAND}]")
+    waits = f"wait_for:=[{topics.EFFORT_COMMAND}, recorder]"
+    simulator = children.node("simulator", "duration:=0.0", waits)
     peer.until(lambda: len(answered) > 100, "it is commanded")
     assert simulator.stop() == 0, simulator.stderr
     peer.until_received(command)

@@ -28,7 +28,7 @@ def test_reset_and_pause_in_a_run(children: Children, peer: Peer, tmp_path: Path
     terms = peer.hear("pid/state")
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
     pid = children.node("pid", "reference.value:=0.25")
-    simulator = children.node("simulator", "duration:=0.0")
+    simulator = children.node("simulator", "duration:=0.0", "wait_for:=[effort_command, recorder]")
 
     def angles() -> dict[int, float]:
         return {stamp_from_ros(m.header.stamp): m.position[1] for m in truth}
