@@ -11,6 +11,7 @@ from trunk_core import topics
 from trunk_core.units import seconds
 from trunk_evidence.judgement import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_msgs_util.node.conversions import stamp_from_ros
+from trunk_msgs_util.source import process_id
 from trunk_recording.reader import Recording
 
 from .peer import Peer
@@ -242,10 +243,10 @@ def test_a_controller_that_takes_the_place_of_one_that_ended(
     first = children.node("pid")
     peer.until_recorded(500)
     assert first.stop() == 0, first.stderr
-    updates = peer.hear(topics.controller_state(second))
-    before = len(updates)
+    inputs = peer.hear(topics.PLANT_INPUTS)
     other = children.node(second, name="second")
-    peer.until(lambda: len(updates) > before + 100, "the other one answers")
+    source = f"{second}@{process_id(other.process.pid)}"
+    peer.until(lambda: sum(source in m.header.frame_id for m in inputs) > 100, "the other one acts")
     assert [one.stop() for one in (simulator, other, recorder)] == [0, 0, 0]
     recording = Recording.open(tmp_path / "run.mcap")
     verdict = verify(recording)
