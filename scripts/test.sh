@@ -103,8 +103,8 @@ else
     settle
     beside mypy nice -n 3 mypy
     # colcon finds and runs each package's pytest: a few tests of each, as pytest runs them all.
-    few='python_files=test_units.py test_events.py test_source.py test_config.py test_stopping.py test_joint_table.py
-        test_recorded_run.py test_varied.py test_terminal.py'
+    few='python_files=test_units.py test_events.py test_source.py test_config.py test_stopping.py test_recorded_run.py
+        test_columns.py test_terminal.py'
     beside 'colcon test: a few' bash scripts/colcon_test.sh -q "--override-ini=$few"
     # Some wait, for a browser or a process of their own: one test more at once than there are cores. They give way
     # to the graph's, which run beside them.
