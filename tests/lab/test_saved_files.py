@@ -170,6 +170,15 @@ def test_the_verb_says_whether_the_bits_are_those_of_the_browser(document, trunk
     assert "operator/push" in trunk("info", run)[1]
 
 
+def test_a_wrong_branch_is_named_as_the_files(document, trunk, tmp_path):
+    path = tmp_path / "experiment.json"
+    document["branch"]["values"] = {"simulator": {"duration": 0.3}}
+    path.write_text(json.dumps(document))
+    _, _, err = trunk("simulate", "--like", path, "-o", tmp_path / "run.mcap")
+    assert "a lab saved: branch simulator.duration: it is fixed when a run starts" in err
+    assert "--" not in err
+
+
 WRONG = (None, 7, -1.5, "x", [], {}, [[1, 2]], True)
 
 
