@@ -85,7 +85,10 @@ def why_not_with(plant: str, node: str) -> str:
     model = law_named(node).plant if node in CONTROLLERS else ""
     if model in ("", plant):
         return ""
-    return f"{node}: it contains a model of the plant {model}, and this one is {plant}: give another controller"
+    return (
+        f"{node}: it contains a model of the plant {model}, and this one is {plant}: "
+        "give another controller"
+    )
 
 
 def config_class(node: str, values: Mapping[str, object] | None = None) -> type[Any]:
