@@ -110,6 +110,21 @@ def test_a_waiting_plant_names_the_nodes_and_how_to_start_them(
     assert simulator.stop() == 0, simulator.stderr
 
 
+def test_a_waiting_plant_names_a_controller_that_is_there_but_inactive(
+    children: Children, domain: int
+) -> None:
+    controller = children.node("pid", "active.times:=[0.0]")
+    simulator = children.node("simulator")
+    told = (
+        "waiting for a controller that acts (inactive: /pid; activate one, or, for turns by active.times, "
+        "start the simulator with controllers:=[pid])"
+    )
+    until(lambda: simulator.stderr.count(told) > 1, "it says so again")
+    assert "seen instead" not in simulator.stderr.rpartition(told)[2]
+    for node in (controller, simulator):
+        assert node.stop() == 0, node.stderr
+
+
 @pytest.mark.parametrize("topic", [topics.JOINT_STATES, topics.GROUND_TRUTH])
 def test_the_clock_is_published_before_its_states(
     children: Children, peer: Peer, topic: str

@@ -12,15 +12,23 @@ import numpy as np
 import pytest
 
 from trunk_core import topics
-from trunk_core.parameters.declarations import values_of
+from trunk_core.parameters.declarations import declarations, values_of
 from trunk_evidence.differences import diff
 from trunk_evidence.judgement import UNJUDGED, VERIFIED, verdict_on
 from trunk_evidence.recorded_run import RecordedRun
-from trunk_experiments.lab.experiment import FORMAT, Experiment, read_experiment, record_experiment
+from trunk_experiments.lab.experiment import (
+    FORMAT,
+    NO_LINKS,
+    Experiment,
+    read_experiment,
+    record_experiment,
+)
+from trunk_experiments.lab.knobs import KnobSearch
 from trunk_experiments.lab.webassembly import NAMES
 from trunk_runs.offline_recording import record_offline
 from trunk_runs.plan import RunPlan, make_plan
 from trunk_runs.timeline import Change
+from trunk_sim.config import TrunkSimulator
 from trunk_sim.simulation import DivergedError
 
 from .experiments import ASSETS, Setup, lab_for, plan_with, plans_of, random_setup, refused
@@ -168,6 +176,27 @@ def test_the_verb_says_whether_the_bits_are_those_of_the_browser(document, trunk
     assert len(digest) == 12
     assert "pushes" not in trunk("info", run)[1]
     assert "operator/push" in trunk("info", run)[1]
+
+
+def test_what_a_lab_lacks_is_the_reason_why_it_is_refused(trunk, tmp_path):
+    page = tmp_path / "lab.html"
+    names = [name for name in declarations(TrunkSimulator) if name.startswith("link.")]
+    assert len(names) > 10
+    refused = KnobSearch(make_plan("demo", "pid")).of("simulator").refused
+    assert {refused[name] for name in (*names, "sensor.dropout")} == {NO_LINKS}
+    for name in ("link.command.loss", "sensor.dropout"):
+        code, _, err = trunk("lab", "demo", "--set", f"simulator.{name}=0.1", "-o", page)
+        assert (code, len(err.splitlines())) == (2, 1)
+        assert err.endswith(f"{NO_LINKS}: leave out link.* and sensor.dropout\n")
+
+
+def test_a_wrong_branch_is_named_as_the_files(document, trunk, tmp_path):
+    path = tmp_path / "experiment.json"
+    document["branch"]["values"] = {"simulator": {"duration": 0.3}}
+    path.write_text(json.dumps(document))
+    _, _, err = trunk("simulate", "--like", path, "-o", tmp_path / "run.mcap")
+    assert "a lab saved: branch simulator.duration: it is fixed when a run starts" in err
+    assert "--" not in err
 
 
 WRONG = (None, 7, -1.5, "x", [], {}, [[1, 2]], True)

@@ -46,6 +46,7 @@ class Branch(NamedTuple):
     settings: tuple[str, ...] = ()  # NODE.PARAM=VALUE
     controller: str = ""  # who acts from there on; empty: as recorded
     pushes: tuple[str, ...] = ()  # `timeline.parse_push`
+    origin: str = "--set"  # of the settings, for messages
 
     def describe(self) -> str:
         """Return the changes in a line."""
@@ -91,7 +92,7 @@ def branch_plan(run: RecordedRun, branch: Branch, until: float | None = None) ->
         plan = replace(plan, simulator=replace(plan.simulator, duration=duration))
     if branch.controller:
         plan = _with_controller(run, plan, branch.controller, stamp_ns)
-    layers = [parse_setting(text) for text in branch.settings]
+    layers = [parse_setting(text, branch.origin) for text in branch.settings]
     for layer in layers:
         if any(section.pattern == "reference" for section in layer.sections):
             raise PlanError(
@@ -181,9 +182,11 @@ def _in_force(plan: RunPlan, node: str, stamp_ns: int) -> Any:
 def _config(plan: RunPlan, node: str, layers: Sequence[Layer], stamp_ns: int) -> Any:
     """Return a node's configuration after a stamp with the settings for it."""
     if node not in plan.configs:
+        origin = _origin(layers)
+        more = origin == "--set" and node in CONTROLLERS
         raise PlanError(
-            f"--set {node}: it is not in the run, which has {', '.join(plan.configs)}"
-            + ("; --controller adds a controller" if node in CONTROLLERS else "")
+            f"{origin} {node}: it is not in the run, which has {', '.join(plan.configs)}"
+            + ("; --controller adds a controller" if more else "")
         )
     values = {PLANT_NAME: plan.simulator.kind.name, **values_of(_in_force(plan, node, stamp_ns))}
     now = Layer("the recording", (Section(node, values),))
@@ -193,22 +196,29 @@ def _config(plan: RunPlan, node: str, layers: Sequence[Layer], stamp_ns: int) ->
 def _changed(plan: RunPlan, node: str, layers: Sequence[Layer], stamp_ns: int) -> dict[str, Value]:
     """Return the parameters of a node that the settings change. Raises PlanError for fixed ones."""
     if any(PLANT_NAME in section.values for layer in layers for section in layer.sections):
-        raise _fixed(node, PLANT_NAME)
+        raise _fixed(f"{_origin(layers)} {node}.{PLANT_NAME}")
     after = values_of(_config(plan, node, layers, stamp_ns))
     before = values_of(_in_force(plan, node, stamp_ns))
     changed = {name: value for name, value in after.items() if value != before[name]}
     declared = declarations(type(plan.configs[node]))
     fixed = [name for name in changed if declared[name].fixed]
     if fixed:
-        more = "; --duration gives the branch another end" if fixed == ["duration"] else ""
-        raise _fixed(node, fixed[0], more)
+        origin = _origin(layers)
+        more = (origin, fixed) == ("--set", ["duration"])
+        advice = "; --duration gives the branch another end" if more else ""
+        raise _fixed(f"{origin} {node}.{fixed[0]}", advice)
     return changed
 
 
-def _fixed(node: str, name: str, more: str = "") -> PlanError:
+def _origin(layers: Sequence[Layer]) -> str:
+    """Return where a branch's settings come from, without the first one's own text."""
+    return layers[0].source.split()[0]
+
+
+def _fixed(given: str, more: str = "") -> PlanError:
     return PlanError(
-        f"--set {node}.{name}: it is fixed when a run starts: a branch can change only what can be changed "
-        f"while the graph runs{more}"
+        f"{given}: it is fixed when a run starts: a branch can change only what can be changed while the "
+        f"graph runs{more}"
     )
 
 

@@ -53,6 +53,35 @@ class Window(NamedTuple):
     past: tuple[float, list[float]] = (0.0, [1.0])
 
 
+class Inner(NamedTuple):
+    integral: float = 0.0
+    counts: tuple[int, bool] = (0, False)
+
+
+class Nested(NamedTuple):
+    effort: float = 0.0
+    inner: Inner = Inner()
+
+
+@pytest.mark.parametrize(
+    ("inner", "problem"),
+    [
+        (Inner(1), "memory.inner.integral = 1 is int"),
+        (Inner(counts=(0, 1)), "memory.inner.counts.1 = 1 is int"),
+        (Inner(counts=(0, False, 0)), "memory.inner.counts = (0, False, 0) has 3 parts"),
+        ((0.0, (0, False)), "memory.inner = (0.0, (0, False)) is tuple"),
+        (Inner(0.0, (1, True)), None),
+    ],
+)
+def test_every_leaf_of_a_memory_has_the_declared_type(inner: object, problem: str | None) -> None:
+    def update(memory, sample, constants, limits):
+        after, terms = HONEST.update(Memory(), sample, constants, limits)
+        return Nested(after.effort, inner), terms
+
+    found = BY_NAME["types"].run(replace(HONEST, update=update, memory=Nested()))
+    assert [one.problem for one in found] == ([problem] if problem else [])
+
+
 @pytest.mark.parametrize("check", ["lanes", "linear"])
 def test_a_memory_of_other_than_numbers_is_noted_by_name(check: str) -> None:
     (note,) = BY_NAME[check].run(replace(HONEST, memory=Window()))

@@ -123,6 +123,8 @@ WRONG = {
     "far": ({"spread": (1e7, 0, 0, 0)}, r"parameter 'initial\.position': .* is not allowed"),
     "weight": ({"effort_weight": "much"}, r"effort_weight \['much'\]: give a finite number"),
     "text": ({"settings": "pid.gains.p=1"}, r"settings 'pid\.gains\.p=1': give a list"),
+    "law": ({"settings": ["lqr.gains.p=1"]}, r"^settings lqr\.gains\.p=1: no node of this run"),
+    "value": ({"settings": ["pid.gains.p={"]}, r"^settings 'pid\.gains\.p={': the value cannot"),
     "endless": ({"duration": 0.0}, "duration is 0"),
     "long": ({"duration": 1e5}, "an episode has at most 200000 states"),
     "topic": ({"settings": ["pid.reference.profile=topic"]}, "nobody publishes references"),

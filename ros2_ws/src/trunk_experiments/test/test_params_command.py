@@ -52,6 +52,17 @@ def test_at_80_columns_no_line_is_longer_and_sentences_are_indented(told):
     assert lines[at + 1].startswith("      ")
 
 
+def test_a_law_of_another_plant_is_not_listed(told):
+    code, out, _ = told("--plant", "cart_pole")
+    assert code == 0
+    assert "pid (*" in out
+    assert "computed_torque" not in out
+    assert "computed_torque (*" in told()[1]
+    words = ("computed_torque", "--plant")
+    assert "it contains a model of the plant trunk" in told(*words, "cart_pole")[2]
+    assert "an installed plant (trunk, cart_pole" in told(*words, "cartpole")[2]
+
+
 def test_a_file_is_shown_with_its_path_and_rule_tables(told):
     code, out, err = told("show", "fuzzy_zhao_1993")
     assert (code, err) == (0, "")

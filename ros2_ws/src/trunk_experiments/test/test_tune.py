@@ -1,5 +1,7 @@
 """Tuning: poles where requested, margins that a simulation confirms, files that nodes load."""
 
+import re
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -277,6 +279,23 @@ def test_a_file_is_not_overwritten(tmp_path):
     with pytest.raises(PlanError, match="--force"):
         invoke("poles", "-o", path)
     assert path.read_text() == "mine"
+
+
+def test_a_unit_that_the_plant_chooses_is_said_to_be_the_trunks():
+    options = [option for verb in command.commands.values() for option in verb.params]
+    chosen = [
+        option for option in options if re.search(r", (N )?m\b", getattr(option, "help", "") or "")
+    ]
+    assert len(chosen) == 5
+    assert [o.name for o in chosen if not o.help.endswith(" on the trunk.")] == []
+
+
+def test_an_error_about_the_linear_plant_names_no_unit_of_the_drive():
+    with pytest.raises(TuningError, match=r"values .*, 1e\+06 .*closer to one another$") as far:
+        by_lqr(PLANT, 1e-6, 1e-6, 1e-6, 1e6)
+    with pytest.raises(TuningError, match=r"declare both$") as undamped:
+        ultimate(PLANT._replace(lag=0.1))
+    assert "N m" not in f"{far.value} {undamped.value}"
 
 
 @pytest.mark.one_in(4)

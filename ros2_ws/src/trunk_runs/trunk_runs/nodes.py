@@ -80,6 +80,17 @@ NODES: dict[str, NodeKind] = {
 }
 
 
+def why_not_with(plant: str, node: str) -> str:
+    """Return why a node cannot be used with a plant; empty if it can."""
+    model = law_named(node).plant if node in CONTROLLERS else ""
+    if model in ("", plant):
+        return ""
+    return (
+        f"{node}: it contains a model of the plant {model}, and this one is {plant}: "
+        "give another controller"
+    )
+
+
 def config_class(node: str, values: Mapping[str, object] | None = None) -> type[Any]:
     """Return the class of a node's parameters, with the plant that ``plant.name`` among values names.
 

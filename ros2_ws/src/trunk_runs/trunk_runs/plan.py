@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 from trunk_control.decide import active_at
 from trunk_control.law import ControllerConfig
-from trunk_control.laws import law_named
 from trunk_control.reference import ReferenceConfig
 from trunk_core.errors import PlanError, closest, did_you_mean
 from trunk_core.parameters.declarations import UnitError, declarations, values_of
@@ -35,7 +34,7 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.plant import TRUNK, Plant
 
-from .nodes import CONTROLLERS, NODES, declared_names
+from .nodes import CONTROLLERS, NODES, declared_names, why_not_with
 from .scenario import config_from, find_file, parse_setting, plant_of, scenario_layers
 from .timeline import Change, GivenInputs, Pushes, Timeline, with_pushes
 
@@ -403,11 +402,8 @@ def check_joints(plan: RunPlan) -> None:
     """
     joints, plant = plan.simulator.joints, plan.simulator.kind.name
     for name in plan.controllers:
-        if law_named(name).plant not in ("", plant):
-            raise PlanError(
-                f"{name}: it contains a model of the plant {law_named(name).plant}, and this one is "
-                f"{plant}: give another controller"
-            )
+        if why := why_not_with(plant, name):
+            raise PlanError(why)
     named = f"the simulator's joints: {', '.join(joints)}"
     if plan.disturbance is not None and set(plan.disturbance.joints) != set(joints):
         others = ", ".join(plan.disturbance.joints)

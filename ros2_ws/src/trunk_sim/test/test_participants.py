@@ -72,8 +72,10 @@ def test_a_standby_node_is_awaited_however_long_it_has_been_matched():
     those.hear("/pid", "activated", {})
     those.hear("/pid", "ready", COMMAND)
     assert those.missing(15.0) == []
+    assert those.idle() == []
     those.hear("/pid", "deactivated", {})  # before the simulator that hears it began
     assert those.missing(16.0) == ["effort_command"]
+    assert those.idle() == ["/pid"]
     those.hear("/pid", "activated", {})  # not ready a second time: it was before
     assert those.missing(16.0) == []
 

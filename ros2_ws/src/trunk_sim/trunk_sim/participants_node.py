@@ -156,6 +156,10 @@ class Participants:
         """Return the publishers of commands that report nothing about themselves."""
         return [name for name in self._command_givers() if name not in self._configured]
 
+    def idle(self) -> list[str]:
+        """Return the controllers that are ready but inactive: they are there, and none of them acts."""
+        return sorted(self._ready_on(topics.EFFORT_COMMAND) & self._inactive)
+
     def acting(self) -> list[str]:
         """Return the active publishers of commands; those that take turns count as one."""
         return self._acting(self._command_givers())

@@ -220,9 +220,16 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     def waits_for(self) -> Wait:
         """Return the participants that are missing, and how to start them."""
-        missing = ", ".join(_STARTED_BY.get(name, name) for name in self._missing)
-        if topics.EFFORT_COMMAND not in self._missing or self._running:
-            return Wait(missing, unmet=bool(missing))
+        started_by, idle = dict(_STARTED_BY), self._participants.idle()
+        if idle:
+            names = ", ".join(name.rsplit("/", 1)[-1] for name in idle)
+            started_by[topics.EFFORT_COMMAND] = (
+                f"a controller that acts (inactive: {', '.join(idle)}; activate one, or, for turns by "
+                f"active.times, start the simulator with controllers:=[{names}])"
+            )
+        missing = ", ".join(started_by.get(name, name) for name in self._missing)
+        if topics.EFFORT_COMMAND not in self._missing or self._running or idle:
+            return Wait(missing, unmet=bool(missing) and not idle)
         now = time.monotonic()
         if now - self._looked_s >= _LOOK_EVERY_S:
             self._looked_s = now

@@ -521,7 +521,7 @@ def branch(
         raise PlanError(f"pushes {pushes!r}: a list is needed, such as ['60Nm:0.1s']")
     values = mapping_of(overrides, "overrides", "{'NODE.PARAM': value}")
     settings = tuple(f"{name}={plain(value)}" for name, value in values.items())
-    change = Branch(float(at), settings, controller, tuple(pushes))
+    change = Branch(float(at), settings, controller, tuple(pushes), "overrides:")
     parent = run_of(run)._recorded
     plan = branch_plan(parent, change, duration)
     return recorded(

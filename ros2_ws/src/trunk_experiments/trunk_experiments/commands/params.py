@@ -18,7 +18,7 @@ from trunk_core.parameters.shared import PLANT_NAME
 from trunk_core.results import OMITTED, Keyword, Result
 from trunk_msgs_util.node import middleware
 from trunk_runs.live_parameters import LiveChange
-from trunk_runs.nodes import NODES, Parameter, config_class, parameters_of
+from trunk_runs.nodes import NODES, Parameter, config_class, parameters_of, why_not_with
 from trunk_sim.plant import TRUNK
 
 from ..console.document import json_option, write_json
@@ -65,6 +65,9 @@ class _Verb(Verbs):
             """List the node's parameters; * marks those that are fixed at start."""
             given = ctx.params
             chosen = given["plant"] if plant == TRUNK else plant
+            known = config_class("simulator", {PLANT_NAME: chosen}).kind.name
+            if why := why_not_with(known, cmd_name):
+                raise PlanError(why)
             as_json, as_markdown = as_json or given["as_json"], as_markdown or given["as_markdown"]
             _list([cmd_name], chosen, as_json, as_markdown)
 
@@ -101,7 +104,8 @@ def command(ctx: click.Context, plant: str, as_json: bool, as_markdown: bool) ->
     The names are as --set takes them. show prints a parameter file; set and apply change a running node.
     """
     if ctx.invoked_subcommand is None:
-        _list(list(NODES), plant, as_json, as_markdown)
+        nodes = [name for name in NODES if not why_not_with(plant, name)]
+        _list(nodes, plant, as_json, as_markdown)
 
 
 def _list(nodes: Sequence[str], plant: str, as_json: bool, as_markdown: bool) -> None:

@@ -73,9 +73,8 @@ def _of_plant(unit: str) -> Callable[[Mapping[str, Any]], str]:
 def _largest(name: str, default: float, text: str, unit: str) -> Callable[[Function], Function]:
     """Add an option for a largest acceptable value; its range keeps the Riccati equation solvable."""
     kind = FiniteRange(1e-6, 1e6, unit=_of_plant(unit))
-    return click.option(
-        name, type=kind, default=default, show_default=True, help=f"{text}, {unit}."
-    )
+    words = f"{text}, {unit}{' on the trunk' if 'm' in unit else ''}."
+    return click.option(name, type=kind, default=default, show_default=True, help=words)
 
 
 @click.group("tune", cls=Verbs)
@@ -162,14 +161,14 @@ def lqr_command(
     "--damping",
     type=FiniteRange(0.0, 1e9, unit=_of_plant("N m s/rad")),
     required=True,
-    help="Declared damping of the joint, N m s/rad.",
+    help="Declared damping of the joint, N m s/rad on the trunk.",
 )
 @click.option(
     "--amplitude",
     type=FiniteRange(1e-6, 1e6, unit=_of_plant("N m")),
     default=1.0,
     show_default=True,
-    help="Amplitude of the relay, N m.",
+    help="Amplitude of the relay, N m on the trunk.",
 )
 def relay_command(lag: float, damping: float, amplitude: float, **options: Any) -> None:
     """Find Ku and Tu by a relay experiment, then Table 1's PID; an error where no ultimate gain exists.
@@ -212,7 +211,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
     type=WholeRange(0, 2**31 - 1),
     help="With --study: of the draws by which the result is judged.  [default: the study's + 1]",
 )
-@jobs_option("Processes on this machine.")
+@jobs_option("Processes on this machine; one below 100 runs a generation.")
 def optimise_command(
     controller: str,
     scenarios: tuple[str, ...],

@@ -215,27 +215,35 @@ def types(law: Law) -> Iterator[Finding]:
     if not (type(returned) is tuple and len(returned) == 2):
         yield Finding("types", update, f"returns {returned!r}", "return (memory, terms)")
         return
-    for part, record, kind in zip(
-        ("memory", "terms"), returned, (type(law.memory), law.terms), strict=True
+    terms = law.terms(*(False if field == "held" else 0.0 for field in law.terms._fields))
+    for part, record, declared in zip(
+        ("memory", "terms"), returned, (law.memory, terms), strict=True
     ):
-        if type(record) is not kind:
+        if type(record) is not type(declared):
             yield Finding(
                 "types",
                 update,
                 f"returns a {type(record).__name__} as {part}",
-                f"return the {kind.__name__} that the law declares",
+                f"return the {type(declared).__name__} that the law declares",
             )
             continue
-        for field, value in zip(record._fields, record, strict=True):
-            declared = getattr(law.memory, field) if part == "memory" else 0.0
-            wanted = bool if field == "held" or isinstance(declared, bool) else type(declared)
-            if type(value) is not wanted:
-                yield Finding(
-                    "types",
-                    update,
-                    f"{part}.{field} = {value!r} is {type(value).__name__}",
-                    f"it is declared as {wanted.__name__}; compiled code needs one type",
-                )
+        for problem, kind in _mistyped(record, declared, part):
+            advice = f"it is declared as {kind}; compiled code needs one type"
+            yield Finding("types", update, problem, advice)
+
+
+def _mistyped(value: Any, declared: Any, name: str) -> Iterator[tuple[str, str]]:
+    """Yield each leaf of a record that has another type than declared, in words, and the declared type."""
+    kind = type(declared)
+    if type(value) is not kind:
+        yield f"{name} = {value!r} is {type(value).__name__}", kind.__name__
+    elif isinstance(declared, tuple) and len(value) != len(declared):
+        yield f"{name} = {value!r} has {len(value)} parts", f"a {kind.__name__} of {len(declared)}"
+    elif isinstance(declared, tuple):
+        for field, part, wanted in zip(
+            getattr(declared, "_fields", range(len(declared))), value, declared, strict=True
+        ):
+            yield from _mistyped(part, wanted, f"{name}.{field}")
 
 
 def pure(law: Law) -> Iterator[Finding]:

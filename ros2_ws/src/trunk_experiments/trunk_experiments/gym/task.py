@@ -22,6 +22,7 @@ from trunk_runs.engine import Engine
 from trunk_runs.loop import check
 from trunk_runs.offline_recording import record_states
 from trunk_runs.plan import RunPlan, make_plan
+from trunk_runs.scenario import parse_setting
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.simulation import DivergedError
 from trunk_studies.batch.block import LONGEST, Regular, regular_run
@@ -142,7 +143,7 @@ def make_task(
         str(scenario),
         controller,
         _texts("params", params),
-        _texts("settings", settings),
+        [parse_setting(text, "settings") for text in _texts("settings", settings)],
         everywhere,
     )
     check(plan)

@@ -35,6 +35,7 @@ _KEYS: Mapping[str, tuple[type, ...]] = {
     "states": (int,),
     "sha256": (str, type(None)),
 }
+NO_LINKS = "a lab has no messages that are late or lost, and no measurements that fail"
 MOST_STATES = 200_000  # a table in a page's memory
 _MOST = 10_000_000  # bytes of a file
 _LONGEST = 200  # characters of a name
@@ -51,9 +52,7 @@ def check_plan(plan: RunPlan) -> None:
             f"{MOST_STATES:,} states, not {states:,}: give --duration or --rate"
         )
     if simulator.network is not None:
-        raise PlanError(
-            "simulator.link: messages that are late or lost are not in a lab: leave out link.*"
-        )
+        raise PlanError(f"simulator: {NO_LINKS}: leave out link.* and sensor.dropout")
     if plan.recorder.markers:
         raise PlanError("recorder.markers: a lab records no picture: set it to false")
     for name, config in plan.controllers.items():

@@ -27,6 +27,7 @@ from trunk_core.parameters.declarations import (
 from trunk_core.units import nanoseconds
 from trunk_runs.plan import RunPlan
 
+from .experiment import NO_LINKS
 from .webassembly import numbers_of_loop, values_of_loop
 
 _TRIES = 8
@@ -138,6 +139,8 @@ class KnobSearch:
         return NodeKnobs(knobs, refused, orders)
 
     def _knob(self, node: str, name: str) -> Knob | RuleKnob:
+        if node == "simulator" and (name.startswith("link.") or name == "sensor.dropout"):
+            raise NoKnobError(NO_LINKS)
         config = self.plan.configs[node]
         declared = declarations(type(config))[name]
         now: Any = values_of(config)[name]

@@ -306,6 +306,8 @@ def _initialize(program: str, argv: Sequence[str], own: Collection[str] = ()) ->
     Raises TrunkError, and RuntimeError or ValueError (RCLError and kin) for what ROS 2 refuses.
     """
     middleware.prepare()
+    # rcl would print its own version of what our one line says.
+    set_logger_level("rcl", LoggingSeverity.FATAL)
     unused = [word for word in remove_ros_args(argv)[1:] if word not in own]
     if {"-h", "--help"} & set(unused):
         print(
@@ -321,8 +323,6 @@ def _initialize(program: str, argv: Sequence[str], own: Collection[str] = ()) ->
             after = " ".join(["--ros-args", before, *argv[begin + 1 :]])
             advice = f"arguments for ROS 2 follow --ros-args: {after}"
         raise ArgumentError(f"nothing uses {before}: {advice}")
-    # rcl would print its own version of what our one line says.
-    set_logger_level("rcl", LoggingSeverity.FATAL)
     rclpy.init(args=list(argv), signal_handler_options=SignalHandlerOptions.NO)
 
 

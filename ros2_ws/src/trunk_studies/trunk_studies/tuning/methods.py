@@ -112,9 +112,9 @@ def by_lqr(
     """Return the LQR gains with integral action, weights by the largest acceptable values.
 
     They minimise ``integral (I^2/I_0^2 + e^2/e_0^2 + e'^2/w_0^2 + u^2/u_0^2) dt``: I_0 in rad s,
-    e_0 in rad, w_0 in rad/s, u_0 in N m, each positive. With a ``period`` h [s] they do so for a torque
-    held over each period and the law's own integral ``I_k = I_{k-1} + h e_k`` (`sampled`). Raises
-    TuningError if they are so far apart that the Riccati equation cannot be solved in floating point.
+    e_0 in rad, w_0 in rad/s, u_0 in the drive's unit, each positive. With a ``period`` h [s] they do so
+    for a torque held over each period and the law's own integral ``I_k = I_{k-1} + h e_k`` (`sampled`).
+    Raises TuningError if they are so far apart that the Riccati equation cannot be solved in floating point.
     """
     if min(integral, angle, rate, torque) <= 0.0:
         raise TuningError("the weights' values must be greater than 0")
@@ -122,9 +122,10 @@ def by_lqr(
     try:
         gains, _ = _optimal(a, b, (integral, angle, rate), torque, period, summed=True)
     except (ValueError, np.linalg.LinAlgError):
+        values = ", ".join(f"{value:g}" for value in (integral, angle, rate, torque))
         raise TuningError(
-            f"no LQR gains for an integral of {integral:g} rad s, an error of {angle:g} rad, a rate of "
-            f"{rate:g} rad/s and a torque of {torque:g} N m: choose values closer to one another"
+            f"no LQR gains for the largest values {values} (integral of the error, error, its rate, command; "
+            "SI): choose values closer to one another"
         ) from None
     i, p, d = gains
     return Gains(p, i, d)
@@ -248,7 +249,7 @@ def ultimate(plant: Linear) -> tuple[float, float]:
     if plant.lag <= 0.0 or plant.c <= plant.lag * plant.a:
         raise TuningError(
             "no ultimate gain: it needs an actuator lag > 0 s and a damping > "
-            f"{plant.lag * plant.a / plant.b:.4g} N m s/rad (lag x m g l); declare both"
+            f"{plant.lag * plant.a / plant.b:.4g} (SI); declare both"
         )
     square = plant.c / plant.lag - plant.a
     return (plant.a + (1.0 + plant.lag * plant.c) * square) / plant.b, 2.0 * pi / sqrt(square)
