@@ -157,6 +157,7 @@ def test_another_plants_parameters_have_its_names_units_and_words():
     assert of_plant["max_effort"].unit == "N"
     assert of_plant["actuator.viscous_friction"].unit == "N s/m"
     assert of_plant["initial.velocity"].unit == "m/s, rad/s"
+    assert "zero force" in of_plant["command_timeout"].description
     for node in ("simulator", "disturbance", "reference", *ANY_PLANT):
         for name, declared in parameters_of(node, "cart_pole").items():
             assert "N m" not in declared.unit or name == "operator.torque" or "," in declared.unit
@@ -369,6 +370,31 @@ def test_pages_and_pictures_speak_of_its_joints_and_of_a_force(recorded, reporte
         assert (
             not re.search(r"\b(hip|trunks?|torque)\b|N·m", text, re.IGNORECASE) or "trunk " in text
         )
+
+
+def test_peaks_off_the_scale_have_the_plants_unit_and_limits_that_show_an_entry(
+    recorded, monkeypatch
+):
+    view = RunView.read(RecordedRun.open(recorded))
+    assert "force limits" in [text.get_text() for text in overview([view]).findobj(Text)]
+    monkeypatch.setattr("trunk_views.plots.off_scale", lambda values: 1.0)
+    texts = [text.get_text() for text in overview([view]).findobj(Text)]
+    assert any(re.fullmatch(r"off scale: short peaks up to [\d,]+ N", text) for text in texts)
+    assert "force limits" not in texts
+
+
+def test_of_several_plants_each_has_its_words_and_all_an_effort(recorded, short_run, reported):
+    runs = (short_run("fig8", "pid"), recorded)
+    views = [RunView.read(RecordedRun.open(run)) for run in runs]
+    page = reported(views)
+    seen = page.evaluate("() => document.body.innerText")
+    assert {"torque", "hip x", "force", "cart x"} <= {*re.split("[\n\t]", seen)}
+    said = ("Effort τ, N or N·m", "peak effort (N or N·m)", "hip path · Cart-pole", "pole did not")
+    assert [text for text in said if text not in seen] == []
+    units = [text.split()[-1] for text in page.locator("[data-value=torque]").all_inner_texts()]
+    assert units == ["N·m", "N"]
+    texts = [text.get_text() for text in overview(views).findobj(Text)]
+    assert {"effort limits", "Path, travelled range in colour", "$y$ (m)"} <= {*texts}
 
 
 def test_what_users_name_keeps_its_name(recorded, reported, tmp_path):

@@ -304,7 +304,7 @@ class Plant:
         if law:
             unit, words = self._of_law(unit), self.of_drive
             choices = [(choice, self._of_law(chosen)) for choice, chosen in declared.units]
-        elif declared.name == "max_effort" or declared.name.startswith("actuator."):
+        elif declared.name in _OF_DRIVE or declared.name.startswith("actuator."):
             unit, words = self.of_drive(unit), self.of_drive
             if self.driven.unit == "m":
                 unit = unit.replace("rad", "m")
@@ -324,6 +324,8 @@ class Plant:
         first = self.coordinates[0].unit
         return re.sub(r"^(N\b.*/\(?)m\b", rf"\1{first}", self.of_drive(unit))
 
+
+_OF_DRIVE = ("max_effort", "command_timeout", "link.command.missing")
 
 PLANTS: Registry[Plant] = Registry(PLANT_GROUP, "plant", lambda: Plant, (TRUNK, "cart_pole"))
 

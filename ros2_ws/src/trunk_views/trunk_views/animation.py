@@ -109,7 +109,8 @@ def pictures(columns: Mapping[str, Floats], geometry: Geometry) -> Iterator[Imag
         ]
         reference = None if isnan(value["reference"]) else value["reference"]
         scene = Scene(value["x"], value["theta"], value["torque"], reference, *pushed)
-        text = f"t = {value['t']:.2f} s    angle {degrees(value['theta']):+.1f}°"
+        angle = round(degrees(value["theta"]), 1) + 0.0  # no -0.0
+        text = f"t = {value['t']:.2f} s    angle {angle:+.1f}°"
         yield view.picture(shapes(geometry, scene), text)
 
 

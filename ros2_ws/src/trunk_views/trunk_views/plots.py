@@ -157,7 +157,7 @@ def run_handles(names: Sequence[str]) -> list[Line2D | Patch]:
     return [Line2D([], [], **line_style(i), label=plain(name)) for i, name in enumerate(names)]
 
 
-def context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2D | Patch]:
+def context_handles(views: Sequence[RunView], limits: bool) -> list[Line2D | Patch]:
     """Return the legend's entries other than runs: the reference, its band, pulses, limits."""
     handles: list[Line2D | Patch] = [
         Line2D([], [], color=REFERENCE, linewidth=1.0, linestyle=(0, (2, 2)), label="reference"),
@@ -177,7 +177,7 @@ def context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2
         handles.append(Line2D([], [], label="fell, in the run's colour", **FALL_LINE))
     if any(view.run.branch for view in views):
         handles.append(Line2D([], [], label="a branch begins", **BRANCH_LINE))
-    if limits and any(isfinite(bound) for view in views for bound in view.limits):
+    if limits:
         handles.append(
             Line2D([], [], color=LIMIT, linewidth=1.0, label=words_of(views)("torque limits"))
         )
@@ -319,7 +319,10 @@ def overview(views: Sequence[RunView], names: Sequence[str] | None = None) -> Fi
         _phase(phase, views)
         for axes in (angle, torque):
             axes.set_xlabel("time (s)")
-        legend(figure, "outside upper center", run_handles(names), context_handles(views))
+        top = torque.get_ylim()[1]  # bounds beyond are not seen
+        limits = any(abs(bound) <= top for view in views for bound in view.limits)
+        context = context_handles(views, limits)
+        legend(figure, "outside upper center", run_handles(names), context)
     return in_words_of(figure, views)
 
 
@@ -453,7 +456,7 @@ def _torque(axes: Axes, views: Sequence[RunView]) -> None:
         axes.set_ylim(-limit, limit)
         peak = max(_peak(view) for view in views)
         axes.set_title(
-            f"off scale: short peaks up to {peak:,.0f} N·m",
+            words_of(views)(f"off scale: short peaks up to {peak:,.0f} N·m"),
             loc="right",
             fontsize=8.0,
             fontweight="normal",
@@ -513,7 +516,7 @@ def _path(axes: Axes, views: Sequence[RunView]) -> None:
     axes.set_title("Hip path, travelled range in colour")
     axes.set_xlabel(r"$x$ (m)")
     sine = all(track.harmonics is None for track in tracks)
-    level = all(track.amplitude == 0.0 for track in tracks)
+    level = any(track.amplitude == 0.0 for track in tracks)
     axes.set_ylabel(r"$y = A\,\sin(k x)$ (m)" if sine and not level else r"$y$ (m)")
     if high - low < 20.0:  # the path of a runaway hip is too long to be drawn to scale
         axes.set_aspect("equal", adjustable="datalim")

@@ -27,6 +27,7 @@ from .run_view import (
     RunView,
     gains_told,
     labels,
+    of_either_drive,
     off_scale,
     on_tracks,
     own_terms,
@@ -90,8 +91,15 @@ def report_data(views: Sequence[RunView]) -> dict[str, Any]:
         "pulses": _pulses(views),
         "pushed": [[push["start"], push["end"]] for view in views for push in _pushes(view)],
         "marks": _marks(views, names),
-        "words": plant.page_words if (plant := plant_of(views)) else None,
+        "words": _page_words(views),
     }
+
+
+def _page_words(views: Sequence[RunView]) -> dict[str, object] | None:
+    if of_either_drive(views):
+        return {"first": "hip", "second": "trunk", "slides": None}
+    plant = plant_of(views)
+    return plant.page_words if plant else None
 
 
 def packed(columns: Iterable[tuple[str, Floats]], size: int = 1) -> dict[str, Any]:

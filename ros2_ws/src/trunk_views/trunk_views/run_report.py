@@ -42,6 +42,7 @@ from trunk_evidence.run_metrics import QUANTITIES
 from trunk_recording.reader import RecordingError
 from trunk_recording.schemas import RunEvent
 from trunk_runs.nodes import CONTROLLERS
+from trunk_sim.plant import TRUNK
 
 from .comparison import (
     Row,
@@ -57,7 +58,7 @@ from .parts.page import REPORT_SCRIPTS, REPORT_STYLES, inline, part, policy, ren
 from .plots import drawn, planes, with_unit
 from .report_data import report_data
 from .rule_plots import surface
-from .run_view import RunView, labels, on_tracks, plant_of, rule_use, words_of
+from .run_view import RunView, labels, on_tracks, rule_use, words_of
 
 _MOST_EVENTS = 1_000  # that are listed: a hostile file may hold any number
 _SURFACE_DPI = 60  # of what is not lines: a surface is smooth
@@ -91,6 +92,7 @@ class RunSection:
 
     label: str
     title: str
+    words: Callable[[str], str]  # as of the report, of this run's plant
     scenario: str
     facts: tuple[tuple[str, str], ...]
     warnings: tuple[str, ...]
@@ -182,10 +184,10 @@ def render(report: Report) -> str:
 
 
 def _kicker(views: Sequence[RunView]) -> str:
-    if (plant := plant_of(views)) is not None:
-        return plant.label
-    if any(view.pictured for view in views):
-        return "Biped trunk on a sinusoidal hip path"
+    plants = dict.fromkeys(view.plant for view in views if view.pictured and view.plant)
+    if plants:
+        trunk = "Biped trunk on a sinusoidal hip path"
+        return " · ".join(trunk if p.name == TRUNK else p.label for p in plants)
     unknown = [view.unknown_plant for view in views if view.unknown_plant]
     return f"Plant {unknown[0]}, which cannot be used here" if unknown else "Another robot's joint"
 
@@ -230,6 +232,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
     return RunSection(
         label=label,
         title=view.title,
+        words=words_of([view]),
         scenario=recording.provenance.get("scenario", ""),
         facts=facts,
         warnings=tuple(dict.fromkeys([*doubts.lines, *said_of(view)])),

@@ -190,21 +190,27 @@ def plant_of(views: Sequence[RunView]) -> Plant | None:
     return None if plants or plant is None or plant.name == TRUNK else plant
 
 
+def of_either_drive(views: Sequence[RunView]) -> bool:
+    """Return True if no one of force and torque is known to be what all runs' drives make."""
+    plants = {view.plant for view in views if not view.run.another_robot}
+    return len(plants) > 1 or any(view.unknown_plant for view in views)
+
+
 def words_of(views: Sequence[RunView]) -> Callable[[str], str]:
     """Return the function that puts a text of ours about the trunk into the words of the runs' plant.
 
-    Of one that is not installed here it is not known whether its drive makes a force or a torque.
+    The drives of several plants, and of one that is not installed here, may make a force or a torque.
     """
-    if any(view.unknown_plant for view in views):
-        return _of_either_drive
+    if of_either_drive(views):
+        return _in_either
     plant = plant_of(views)
     return str if plant is None else plant.of_drive
 
 
-def _of_either_drive(text: str) -> str:
+def _in_either(text: str) -> str:
     for ours, either in (
         *(("torque", "effort"), ("Torque", "Effort"), ("N²·m²", "N² or N²·m²")),
-        *(("N·m", "N or N·m"), ("N m", "N or N m")),
+        *(("N·m", "N or N·m"), ("N m", "N or N m"), ("Hip path", "Path")),
     ):
         text = text.replace(ours, either)
     return text

@@ -73,7 +73,9 @@ def command(
         drawn = [row for row in rows if row.at in plan.controllers]
         save(
             draw(
-                drawn, f"{plan.turns} at {rate_text}, about the upright", plan.simulator.kind.words
+                drawn,
+                f"{plan.turns} at {rate_text}, about the upright",
+                plan.simulator.kind.of_drive,
             ),
             output,
         )

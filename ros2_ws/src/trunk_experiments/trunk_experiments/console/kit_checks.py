@@ -62,6 +62,7 @@ def show_checked(label: str, package: str, results: Sequence[Checked]) -> None:
         f"{label} ({package}): {words.count('kept')} of {len(words)} kept{noted}",
         ("check", "", "asserts"),
         [(c.name, word, c.asserts) for c, word in zip(results, words, strict=True)],
+        texts=3,
     )
     checks_of: dict[Finding, list[str]] = {}  # of the same finding, by each of its checks
     for check in results:

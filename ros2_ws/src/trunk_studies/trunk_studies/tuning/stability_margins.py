@@ -234,7 +234,7 @@ def draw(rows: Sequence[LoopMargins], title: str, words: Callable[[str], str] = 
             angles = row.loop.step_response(int(_STEP_S / row.loop.h))
             times = np.arange(len(angles)) * row.loop.h
             axes["step"].plot(times, np.clip(angles, -3.0, 3.0), label=label, **style)
-        _dress(axes)
+        _dress(axes, words)
         handles, labels = axes["step"].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4))
         figure.suptitle(title)
@@ -261,10 +261,10 @@ def _root_locus(plot: Axes, loop: LinearLoop, color: str) -> None:
         plot.plot(s.real, s.imag, marker, color=color, markersize=size)
 
 
-def _dress(axes: dict[str, Axes]) -> None:
+def _dress(axes: dict[str, Axes], words: Callable[[str], str]) -> None:
     axes["magnitude"].axhline(1.0, color="black", linewidth=0.8)
     axes["magnitude"].set(
-        ylabel="|L|", ylim=(1e-2, 1e2), title="Bode: open loop, cut at the torque"
+        ylabel="|L|", ylim=(1e-2, 1e2), title=words("Bode: open loop, cut at the torque")
     )
     axes["magnitude"].tick_params(labelbottom=False)
     axes["phase"].axhline(-180.0, color="black", linewidth=0.8)

@@ -22,7 +22,7 @@ const rowAt = (times, time) => {
 const showNumber = (value, digits = 4) => {
   if (!Number.isFinite(value)) return "–";
   const text = Number(value.toPrecision(digits)).toString();
-  return text.replace("-", "−");
+  return text.replaceAll("-", "−");
 };
 
 // A unit as the pages spell it: N·m.

@@ -48,8 +48,8 @@ const scene = (() => {
       put(readout, "t", `${time.toFixed(2)} s`);
       put(readout, "theta", `${showNumber(Math.round(1000 * places.theta) / 1000)}°`);
       put(readout, "reference", `${showNumber(places.reference)}°`);
-      put(readout, "torque", `${showNumber(places.torque)} ${inWords("N·m")}`);
-      const { unit } = runs[readouts.length > 1 ? index : known.shown].world ?? world ?? {};
+      const { drive, unit } = runs[readouts.length > 1 ? index : known.shown].world ?? world ?? {};
+      put(readout, "torque", `${showNumber(Math.round(1e6 * places.torque) / 1e6)} ${drive || unit === "rad" ? "N·m" : "N"}`);
       put(readout, "x", unit === "rad" ? `${showNumber(places.x * DEGREES)}°` : `${showNumber(places.x)} m`);
       put(readout, "fell", places.fell ? `at ${showNumber(places.fell.t, 6)} s` : "not yet");
       put(readout, "push", grip.words());
