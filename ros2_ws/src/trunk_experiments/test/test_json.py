@@ -61,6 +61,8 @@ def test_a_key_that_the_schema_does_not_know_is_found(recordings_here, command_s
         ("tune", 2, "No such option '--json'"),
         ("params nix", 2, "params 'nix': give show, set, apply, or a node"),
         ("run fig8 --duration 0", 2, "a recorded run needs an end"),
+        ("simulate -o x.mcap", 2, "--like"),
+        ("simulate fig6 --duration 0 -o x.mcap", 2, "duration is 0"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
