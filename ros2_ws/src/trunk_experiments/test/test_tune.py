@@ -271,14 +271,6 @@ def test_a_missing_folder_is_reported_first(tmp_path, verb):
         invoke(*verb, "-o", tmp_path / "none" / "gains.yaml")
 
 
-def test_a_file_is_not_overwritten(tmp_path):
-    path = tmp_path / "gains.yaml"
-    path.write_text("mine")
-    with pytest.raises(PlanError, match="--force"):
-        invoke("poles", "-o", path)
-    assert path.read_text() == "mine"
-
-
 @pytest.mark.one_in(4)
 @pytest.mark.slow
 @pytest.mark.parametrize(
