@@ -13,6 +13,7 @@ from trunk_runs.nodes import NODES
 
 _S = "S S S S S S S"
 _B = "B B B B B B B"
+_REST = ", ".join([_B] * 6)
 _THREE = "fuzzy.error_peaks: [-1.0, 0.0, 1.0], fuzzy.rate_peaks: [-1.0, 0.0, 1.0]"
 _GRID = "rules.kp: [S S S, S S S, S S S], rules.kd: [S S S, S S S, S S S], rules.alpha: [S S S, S S S, S S S]"
 _REFERENCE = "reference.profile: interpolated, reference.times"
@@ -105,6 +106,8 @@ fuzzy_pid | fuzzy.rate_labels: [L, R] | one label for each of the 7 peaks
 fuzzy_pid | rules.kp: [{_B}] | string array of 2 to 64
 fuzzy_pid | rules.kp: [{_S}, {_S}, {_S}, S S S S S S MS, {_S}, {_S}, {_S}] | cell (e ZO, e_dot PB) is 'MS'
 fuzzy_pid | rules.kd: [{_B}, {_B}, S S B X B S S, {_B}, {_B}, {_B}, {_B}] | labels S, B, or numbers from 0
+fuzzy_pid | rules.kd: [S S S S S S 1.1, {_REST}] | to 1; cell (e NB, e_dot PB) is '1.1'
+fuzzy_pid | rules.kd: [S S S S S S nan, {_REST}] | to 1; cell (e NB, e_dot PB) is 'nan'
 fuzzy_pid | rules.kd: [{_S}, {_S}, {_S}, {_S}, {_S}, {_S}] | 7 rows, one per label of e; there are 6
 fuzzy_pid | rules.alpha: [S S, S S, S S, S S, S S, S S, S S] | 7 labels in each row; row 1 (e NB) has 2
 fuzzy_pid | rules.kp.NM.PX: S | PX is no column of rules.kp: NB, NM, NS, ZO, PS, PM, PB

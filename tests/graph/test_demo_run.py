@@ -82,14 +82,21 @@ def test_the_demo_script_ends_with_a_verdict_a_page_and_what_to_try_next(
     assert "LATE" not in run.stdout + run.stderr
 
 
-@pytest.mark.one_in(8)
-@pytest.mark.parametrize("name", ["a drive", "more links"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a cart-pole",
+        pytest.param("a drive", marks=pytest.mark.one_in(8)),
+        pytest.param("more links", marks=pytest.mark.one_in(8)),
+    ],
+)
 def test_a_run_in_real_time_verifies(children: Children, tmp_path: Path, name: str) -> None:
-    """With real drives, sensors and links."""
+    """With real drives, sensors and links; with another plant."""
     run = children.trunk("run", *SCENARIOS[name].words, "-o", "run")
     assert run.wait() == 0, run.stderr
     verdict = verify(Recording.open(tmp_path / "run" / "run.mcap"))
     assert verdict.exit_code == VERIFIED, verdict.reasons
+    children.none_left()
 
 
 def assert_readable_by_all(path: Path) -> None:

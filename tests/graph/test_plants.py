@@ -1,20 +1,16 @@
-"""Nodes of a plant other than the trunk: their parameters, and a run in real time."""
-
-from pathlib import Path
+"""Nodes of a plant other than the trunk: their parameters, and plants that are not installed."""
 
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterValue
 
 from trunk_core import topics
-from trunk_evidence.recorded_run import RecordedRun
 from trunk_msgs_util.node import qos
 from trunk_runs.processes import find_executable
 
-from ..same_bits.scenarios import SCENARIOS
 from .peer import Peer
 from .processes import Children, until
 from .services import Services
-from .verbs import said, verified
+from .verbs import said
 
 pytestmark = pytest.mark.graph
 
@@ -57,13 +53,3 @@ def test_the_markers_of_a_plant_that_is_not_installed_are_one_warning(
     said_by_it = node.stderr + node.stdout
     assert said_by_it.count("parameter 'plant.name': 'pendubot' is not allowed") == 1
     assert "Traceback" not in said_by_it
-
-
-def test_a_run_in_real_time_is_verified(children: Children, tmp_path: Path) -> None:
-    words = SCENARIOS["a cart-pole"].words
-    run = children.trunk("run", *words, "--output", "run")
-    assert run.wait() == 0, run.stdout + run.stderr
-    children.none_left()
-    path = tmp_path / "run" / "run.mcap"
-    verified(path)
-    assert RecordedRun.open(path).parameters["disturbance"]["joints"] == ("cart", "pole")

@@ -1,7 +1,7 @@
 """Small files that claim, or unpack to, far more than they hold."""
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import lz4.frame
@@ -11,17 +11,20 @@ from ros2_ws.src.trunk_recording.test.mcap_files import (
     channel,
     chunk,
     message,
+    raw,
     record,
     schema,
     write_records,
+    zstd_frame_that_claims,
 )
 
 from trunk_core.topics import DIAGNOSTIC_ARRAY_TYPE, JOINT_STATE_TYPE, PARAMETER_EVENT_TYPE
 from trunk_recording import schemas
+from trunk_recording.messages import LIMIT
 
 from .tampered import FAR_NS, GIVEN, SAID, TRUTH, joint_state
 
-MB = 1 << 20
+MB, TB = 1 << 20, 1 << 40
 _DESCRIBED = schema(1, JOINT_STATE_TYPE) + channel(1, TRUTH)
 
 
@@ -131,7 +134,7 @@ def zstd_window() -> Iterator[bytes]:
     yield chunk(b"", size=100 * MB, packed=frame)
 
 
-FILES: dict[str, Callable[[], Iterator[bytes]]] = {
+FILES: dict[str, Callable[[], Iterable[bytes]]] = {
     "20,000 names, one a message": names_one_by_one,
     "a million names at once": names_at_once,
     "a layout for each message": layouts_changing,
@@ -145,6 +148,17 @@ FILES: dict[str, Callable[[], Iterator[bytes]]] = {
     "two states, 68 years apart": far_apart,
     "an LZ4 bomb": lz4_bomb,
     "a window of 2 GB": zstd_window,
+    "a chunk of 1 TB": lambda: [chunk(b"x", size=TB)],
+    "a frame of 1 TB": lambda: [chunk(b"", size=1000, packed=zstd_frame_that_claims(TB))],
+    "both of 1 TB": lambda: [chunk(b"", size=TB, packed=zstd_frame_that_claims(TB))],
+    "a Zstandard bomb": lambda: [chunk(bytes(512 * MB), size=1000)],
+    "an honest bomb": lambda: [chunk(bytes(512 * MB))],
+    "records without a message": lambda: [chunk((b"\x09" + bytes(8)) * (LIMIT // 9))],
+    "a record of 1 TB": lambda: [raw(4, length=TB)],
+    "a record of 2^64 - 1 bytes": lambda: [raw(5, length=2**64 - 1)],
+    "a string of 4 GB": lambda: [raw(4, b"\1\0\1\0\xff\xff\xff\xff")],
+    "an attachment of 1 TB": lambda: [raw(9, bytes(100), TB)],
+    "a chunk inside of a chunk": lambda: [chunk(chunk(b"", compression=""), compression="")],
 }
 
 

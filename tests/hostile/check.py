@@ -36,7 +36,7 @@ _SLOW = (
 
 def base_run(path: Path) -> Path:
     """Write a sound run."""
-    plan = make_plan("fig8", "pid")
+    plan = make_plan("fig8", "fuzzy_pid")
     plan = replace(plan, simulator=replace(plan.simulator, duration=0.6))
     record_offline(plan, path, overwrite=True)
     return path

@@ -20,7 +20,8 @@ from ..tampering import edits
 from ..tampering.edits import at, dropped, each, every, fields, nth, on, renamed, stamp_ns, to, tree
 
 TRUTH, SEEN, COMMAND, DISTURBANCE = edits.TRUTH, edits.MEASURED, edits.COMMANDS, edits.DISTURBANCE
-GIVEN, SAID, STATE = edits.PARAMETERS, edits.EVENTS, edits.STATES[1]
+GIVEN, SAID, STATE = edits.PARAMETERS, edits.EVENTS, edits.STATES[0]
+CONTROLLER = "/fuzzy_pid"
 FAR_NS = (2**31 - 1) * 10**9
 NO = to(np.zeros(0))
 
@@ -140,11 +141,16 @@ def _not_utf8(run: Content) -> None:
         row[2] = row[2].replace(b"hip\0", b"\xff\xfe\xc3\0").replace(b"trunk\0", b"trunk\xc3\0")
 
 
-def _arm(run: Content) -> Rows:
+def _arm(topic: str, run: Content) -> Rows:
     names = [f"joint_{i}" for i in range(7)]
     return [
-        [SEEN, k * 10**7, joint_state(k * 10**7, names, [0.1 * k] * 7), 0, 0] for k in range(300)
+        [topic, k * 10**7, joint_state(k * 10**7, names, [0.1 * k] * 7), 0, 0] for k in range(300)
     ]
+
+
+def _first_of_each(but: str, run: Content) -> Rows:
+    first = {row[0]: row for row in reversed(run.messages)}
+    return [row for row in run.messages if row[0] == but or row is first[row[0]]]
 
 
 _EVERY = (TRUTH, SEEN, COMMAND, DISTURBANCE)
@@ -156,9 +162,23 @@ _CHANGES: dict[str, Change] = {
         for topic in (SEEN, TRUTH)
         for quantity in edits.QUANTITIES.split()
     },
+    "true states without values": joints((TRUTH,), at(edits.QUANTITIES, NO)),
     "commands without effort": joints((COMMAND,), at("effort", NO)),
+    "commands to two joints": joints(
+        (COMMAND,), lambda v: at("effort", to(np.array([0.0, 1.0])))(named("hip", "trunk")(v))
+    ),
     "terms without position": joints((STATE,), at("position", NO)),
+    "terms of other names": joints(
+        (STATE,), lambda v: at("position", to(np.array([1.0, 2.0])))(named("a", "b")(v))
+    ),
     "disturbance without effort": joints((DISTURBANCE,), at("effort", NO)),
+    "disturbance without position": joints((DISTURBANCE,), at("position", NO)),
+    **{
+        f"one joint in {topic.strip('/')}": joints(
+            (topic,), at(f"name {edits.QUANTITIES}", lambda part: part[:1].copy())
+        )
+        for topic in (TRUTH, SEEN, DISTURBANCE)
+    },
     "measured joints renamed": joints((SEEN,), named("a", "b")),
     "true joints renamed": joints((TRUTH,), named("a", "b")),
     "command's joint renamed": joints((COMMAND,), named("elbow")),
@@ -180,12 +200,23 @@ _CHANGES: dict[str, Change] = {
         f"no {topic.strip('/')}": on(topic, every, dropped)
         for topic in (*_EVERY, STATE, GIVEN, SAID)
     },
-    "nothing but true states": lambda run: run.of(TRUTH),
+    **{
+        f"nothing but {topic.strip('/')}": lambda run, topic=topic: run.of(topic)
+        for topic in (TRUTH, SEEN, COMMAND, STATE, GIVEN)
+    },
+    "no messages at all": lambda run: run.messages.clear(),
+    "the first message of each topic": partial(_first_of_each, ""),
+    "one state, all parameters": partial(_first_of_each, GIVEN),
+    "one message of seven missing": lambda run: (
+        [on(topic, lambda m: m[3::7], dropped)(run) for topic in (*_EVERY, STATE)] and None
+    ),
+    "the first terms missing": on(STATE, lambda m: m[:101], dropped),
     "only the first state": lambda run: [
         row for row in run.messages if row[0] not in (*_EVERY, STATE) or stamp_ns(tree(row)) == 0
     ],
-    "another joint parameter": _parameter("/pid", "joint", "elbow"),
-    "another hip parameter": _parameter("/pid", "hip_joint", "knee"),
+    "a negative mass": _parameter("/simulator", "plant.hip_mass", -1.0),
+    "another joint parameter": _parameter(CONTROLLER, "joint", "elbow"),
+    "another hip parameter": _parameter(CONTROLLER, "hip_joint", "knee"),
     "other joints in the parameters": _parameter("/simulator", "joints", ("a", "b")),
     "a rate that is a text": _parameter("/simulator", "update_rate", "fast"),
     "a rate of 0 Hz": _parameter("/simulator", "update_rate", 0.0),
@@ -197,10 +228,13 @@ _CHANGES: dict[str, Change] = {
     "a million pulses": _parameter(
         "/disturbance", "pulse.times", tuple(float(i) for i in range(1_000_000))
     ),
-    "a simulator without parameters": partial(
-        parameters, lambda node, values: values.clear() if node == "/simulator" else None
-    ),
-    "a parameter nobody knows": _parameter("/pid", "spin", 1.0),
+    **{
+        f"no parameters of {name}": partial(
+            parameters, lambda node, values, name=name: values.clear() if node == name else None
+        )
+        for name in ("/simulator", CONTROLLER, DISTURBANCE)
+    },
+    "a parameter nobody knows": _parameter(CONTROLLER, "spin", 1.0),
     "an event without a status": lambda run: _added(SAID, _no_status(), run),
     "an event of garbage": lambda run: _added(SAID, b"\0\1\0\0\xff\xff", run),
     "an event that is empty": lambda run: _added(SAID, b"", run),
@@ -215,10 +249,10 @@ _CHANGES: dict[str, Change] = {
     ),
     "a change of garbage": lambda run: _added(GIVEN, b"\0\1\0\0\1\2\3\4\5\6\7\xff\xff\xff", run),
     "a change to a text": lambda run: _added(
-        GIVEN, schemas.parameter_event(10**8, "/pid", {}, {"kp": "high"}), run
+        GIVEN, schemas.parameter_event(10**8, CONTROLLER, {}, {"kp": "high"}), run
     ),
     "a change far from now": lambda run: _added(
-        GIVEN, schemas.parameter_event(FAR_NS, "/pid", {}, {"kp": 1.0}), run
+        GIVEN, schemas.parameter_event(FAR_NS, CONTROLLER, {}, {"kp": 1.0}), run
     ),
     "a reset far from now": lambda run: _added(
         SAID, schemas.event(FAR_NS, "/simulator", "reset"), run
@@ -247,7 +281,10 @@ _CHANGES: dict[str, Change] = {
     "stamps backwards": stamped(_EVERY, lambda ns: 2 * 10**9 - ns),
     "stamps off the period": _off_the_period,
     "log times of 2^63 - 1": lambda run: [[row[0], 2**63 - 1, *row[2:]] for row in run.messages],
-    "an arm with seven joints": _arm,
+    **{
+        f"an arm with seven joints on {topic.strip('/')}": partial(_arm, topic)
+        for topic in (SEEN, TRUTH, COMMAND, STATE)
+    },
     "a controller nobody knows": partial(
         renamed, lambda name: name.replace(STATE, "/strange/state")
     ),

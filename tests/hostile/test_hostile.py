@@ -5,10 +5,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_experiments.test.verbs import of_recording
 from ros2_ws.src.trunk_recording.test.mcap_files import raw, start
 
 from ..finished import finished
 from ..graph.processes import Child, Children, until
+from . import tampered
+from .check import base_run
 from .corpus import unpacked
 from .fuzz import readers
 
@@ -21,6 +24,31 @@ def test_hostile_files_end_in_one_line_within_the_limits():
     done = finished([sys.executable, "-m", "tests.hostile.check", "--selection"], cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "0 tracebacks, 0 time-outs" in done.stdout
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    return base_run(tmp_path_factory.mktemp("hostile") / "base.mcap")
+
+
+@pytest.mark.slow
+@pytest.mark.one_in(40)
+@pytest.mark.filterwarnings("error")  # they would be shown to the user
+@pytest.mark.parametrize("name", tampered.FILES)
+@pytest.mark.parametrize("verb", [*of_recording(Path(), Path(), Path())])
+def test_one_line_at_most_of_what_a_recording_lacks(name, verb, base, tmp_path, trunk):
+    path = tampered.FILES[name](base, tmp_path / "part.mcap")
+    code, out, err = trunk(*of_recording(path, base, tmp_path)[verb])
+    # The first of all to need a law's compiled code says so.
+    beside = ("trunk: warning: ", "trunk: compiling ")
+    errors = [line for line in err.splitlines() if not line.startswith(beside)]
+    assert code in (0, 1, 2)
+    assert len(errors) <= 1
+    for line in errors:
+        assert line.startswith("trunk: error: ")
+        assert str(path) in line
+    if code:
+        assert errors or out  # it says what is wrong
 
 
 def reading(child: Child, path: Path) -> bool:

@@ -160,17 +160,6 @@ def test_a_page_that_slept_does_not_jump(opened):
     assert jump < 0.1 * pictures + 0.001  # each goes on by a tenth of a second at most
 
 
-def test_keys_push_too(opened):
-    page = opened()
-    seek(page, 0.2)
-    page.focus("#scene")
-    page.keyboard.down("ArrowRight")
-    page.wait_for_function("() => wire.setup.pushes.length > 0 && view.time > 0.3")
-    page.keyboard.up("ArrowRight")
-    whole(page)
-    assert {torque for _, _, torque in setup(page)["pushes"]} == {12, 0}
-
-
 def test_a_link_has_the_whole_experiment(opened):
     page = opened()
     set_gain(page, 75)

@@ -1,4 +1,4 @@
-"""Pushes by hand in a lab, however short; and a run that diverges."""
+"""Pushes by hand in a lab, however short; and a number that is not there."""
 
 import pytest
 
@@ -37,20 +37,6 @@ def test_a_push_ends_with_the_pause_and_the_run_is_computed_to_its_end(opened):
     stamps = [stamp for stamp, _, _ in pushes]
     assert stamps == sorted(set(stamps))
     assert page.evaluate("() => wire.engines.every((engine) => engine.count === lab.states)")
-
-
-def test_a_run_that_diverges_has_no_numbers(opened):
-    page = opened()
-    page.evaluate("() => edits.set('pid', { 'gains.d': 1e6 })")
-    page.wait_for_selector("#doubts >> text=pid DIVERGED")
-    page.click("#tab-numbers")
-    rows = page.locator("#numbers tbody tr").evaluate_all(
-        "rows => rows.map(({ cells }) => [...cells].map((cell) => cell.textContent))"
-    )
-    assert rows[0][0] == "INCOMPLETE"
-    assert rows[0][1].startswith("diverged at ")
-    assert rows[0][2] == "no"
-    assert {row[1] for row in rows[2:]} == {"–"}
 
 
 def test_an_empty_number_is_refused(opened):

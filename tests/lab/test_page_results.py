@@ -48,6 +48,13 @@ def test_commands_are_those_of_the_experiment(opened, lab):
     )
 
 
+def numbers(page):
+    """Return the texts of the table of numbers, row by row."""
+    return page.locator("#numbers tr").evaluate_all(
+        "rows => rows.map(({ cells }) => [...cells].map((cell) => cell.textContent))"
+    )
+
+
 def test_numbers_of_all_controllers_stand_side_by_side_with_falls_first(opened, lab):
     page = opened()
     assert page.locator("#doubts li.bad").all_inner_texts() == [
@@ -55,9 +62,7 @@ def test_numbers_of_all_controllers_stand_side_by_side_with_falls_first(opened, 
         "fuzzy_pid FELL: at t = 1.085 s, −90 degrees",
     ]
     page.click("#tab-numbers")
-    rows = page.locator("#numbers tr").evaluate_all(
-        "rows => rows.map(({ cells }) => [...cells].map((cell) => cell.textContent))"
-    )
+    rows = numbers(page)
     assert rows[0] == ["quantity", "pid", "fuzzy_pid"]
     assert rows[1] == ["FELL", "at 1.064 s", "at 1.085 s"]
     assert [row[0] for row in rows[2:]] == [
@@ -86,6 +91,11 @@ def test_a_run_that_diverges_says_so(opened):
         for tab in ("#tab-numbers", "#tab-parameters"):
             page.click(tab)
             assert "NaN" not in page.inner_text("body")
+        _, said, _, *rows = numbers(page)
+        assert said[0] == "INCOMPLETE"
+        assert said[1].startswith("diverged at ")
+        assert said[2] == "no" or node == "simulator"
+        assert {row[1] for row in rows} == {"–"}
         seek(page, 2.0)
     page.evaluate("() => edits.undo()")
     page.wait_for_function("() => !wire.setup.values.simulator")

@@ -35,7 +35,6 @@ from trunk_studies.batch.compiled_run import Batch
 from trunk_studies.batch.kernel import fitted
 
 from ..exported.loops import table_in_c
-from .one_by_one import record_one_by_one
 
 Columns = Mapping[str, Floats]
 Made = RecordedRun | Columns | RunSummary
@@ -75,14 +74,6 @@ def _stretches(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iter
         (made,) = _compiled(plan, run, folder, seed)
     assert content(made.path).messages == content(run.path).messages
     yield made
-
-
-def _messages(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[RecordedRun]:
-    """Message by message, as the nodes record it."""
-    path = folder / "messages.mcap"
-    record_one_by_one(plan, path)
-    assert content(path).messages == content(run.path).messages
-    yield RecordedRun.open(path)
 
 
 def _like(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[RecordedRun]:
@@ -159,7 +150,6 @@ IN_ONE_PROCESS: dict[str, Repeats] = {
     "recorded": _recorded,
     "compiled": _compiled,
     "stretches": _stretches,
-    "messages": _messages,
     "like": _like,
     "branch": _branch,
     "batch": _batch,

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, copied
+from ros2_ws.src.trunk_recording.test.mcap_files import ANEW, content, copied
 from ros2_ws.src.trunk_runs.test.random_plans import random_plan
 from ros2_ws.src.trunk_studies.test import cpp_device
 
@@ -90,6 +90,17 @@ def test_one_changed_bit_is_a_difference(tmp_path: Path) -> None:
     lines = difference(run, RecordedRun(Recording.open(tmp_path / "flipped.mcap")))
     assert lines[0].startswith("t = 0.07 s: effort_command: effort[trunk]: ")
     assert lines[-1].startswith("diverges: ")
+
+
+def test_an_offline_recording_has_its_messages_in_the_order_of_the_loop(tmp_path: Path) -> None:
+    run = reference(SCENARIOS["fuzzy"].plan(), tmp_path)
+    found = [message[0] for message in content(run.path).messages]
+    truth, disturbance, *rest = (
+        *("/ground_truth/joint_states", "/disturbance", "/joint_states"),
+        *("/effort_command", "/fuzzy_pid/state"),
+    )
+    first = [*["/run/parameters"] * 3, "/run/events", truth, disturbance, disturbance, *rest]
+    assert found[:20] == [*first, *[truth, disturbance, *rest] * 2]
 
 
 def test_a_path_that_makes_no_run_is_none(tmp_path: Path) -> None:

@@ -6,14 +6,8 @@ import pytest
 
 from trunk_control.fuzzy_pid import FuzzyPidConfig, GainBox
 from trunk_control.law import (
-    ANTIWINDUP_BACK_CALCULATION,
     ANTIWINDUP_CONDITIONAL_INTEGRATION,
-    ANTIWINDUP_NONE,
-    ANTIWINDUP_STRATEGIES,
     DERIVATIVE_FROM_RATE,
-    DERIVATIVE_MODES,
-    DERIVATIVE_ON_ERROR,
-    DERIVATIVE_ON_MEASUREMENT,
     Limits,
 )
 from trunk_control.pid import PidConfig
@@ -49,25 +43,6 @@ def test_default_law_is_the_practical_profile(config):
         DERIVATIVE_FROM_RATE, 0.0, -100.0, 100.0, -inf, inf, ANTIWINDUP_CONDITIONAL_INTEGRATION, 0.0
     )
     assert config().limits == law
-
-
-def test_names_of_modes_and_strategies_are_in_the_laws_order():
-    modes = (DERIVATIVE_ON_ERROR, DERIVATIVE_ON_MEASUREMENT, DERIVATIVE_FROM_RATE)
-    assert dict(zip(DERIVATIVE_MODES, modes, strict=True)) == {
-        "error": 0,
-        "measurement": 1,
-        "rate": 2,
-    }
-    strategies = (
-        ANTIWINDUP_NONE,
-        ANTIWINDUP_CONDITIONAL_INTEGRATION,
-        ANTIWINDUP_BACK_CALCULATION,
-    )
-    assert [ANTIWINDUP_STRATEGIES[s] for s in strategies] == [
-        "none",
-        "conditional_integration",
-        "back_calculation",
-    ]
 
 
 def test_every_parameter_reaches_the_law():

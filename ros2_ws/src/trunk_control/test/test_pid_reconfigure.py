@@ -4,8 +4,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.law import Limits
-from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState, rescaled
 
 gains = st.builds(Gains, p=st.floats(0.0, 1e6), i=st.floats(1e-6, 1e6), d=st.floats(0.0, 1e6))
@@ -33,18 +31,6 @@ def test_command_is_continuous(state, old, new):
     assert sum(parts(after, new)) == pytest.approx(
         sum(parts(state, old)), abs=1e-12 * scale + 1e-12
     )
-
-
-@given(st.lists(number, min_size=1, max_size=10), gains, gains, st.floats(1e-4, 0.1))
-def test_next_command_moves_only_by_its_own_increment(errors, old, new, dt):
-    state = PidState()
-    for error in [*errors, errors[-1], errors[-1]]:  # at rest at last: D = 0
-        state, before = pid_update(state, error, 0.0, 0.0, dt, old, Limits())
-    state = rescaled(state, old, new)
-    _, after = pid_update(state, errors[-1], 0.0, 0.0, dt, new, Limits())
-    scale = sum(map(abs, (before.p_term, before.i_term, after.p_term, after.i_term)))
-    increment = new.i * dt * errors[-1]
-    assert after.effort - before.effort == pytest.approx(increment, abs=1e-12 * scale + 1e-12)
 
 
 def test_hand_calculation():

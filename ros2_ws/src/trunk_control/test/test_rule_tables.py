@@ -1,7 +1,5 @@
 """The printed tables, their symmetries, and errors that name the cell."""
 
-import re
-
 import pytest
 
 from trunk_control import rule_tables
@@ -87,40 +85,6 @@ def test_centers_run_along_the_rows():
     table = centers(rows, {"a": 1.0, "b": 2.0, "c": 3.0, "d": 4.0, "e": 5.0}, Axes(), UNIT)
     assert (table[0], table[6], table[42], table[48]) == (1.0, 3.0, 4.0, 5.0)
     assert len(table) == 49
-
-
-GOOD = ("S S S S S S S",) * 7
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("rows", "message"),
-    [
-        (
-            (*GOOD[:2], "S S S S S S X", *GOOD[3:]),
-            "labels S, B, or numbers from 0 to 1; cell (e NS, e_dot PB) is 'X'",
-        ),
-        (
-            ("S S s S S S S", *GOOD[1:]),
-            "labels S, B, or numbers from 0 to 1; cell (e NB, e_dot NS) is 's'",
-        ),
-        ((*GOOD[:6], "S S S"), "7 labels in each row; row 7 (e PB) has 3"),
-        (("S " * 8, *GOOD[1:]), "7 labels in each row; row 1 (e NB) has 8"),
-        (GOOD[:5], "7 rows, one per label of e; there are 5"),
-        (
-            ("S S S S S S 1.1", *GOOD[1:]),
-            "labels S, B, or numbers from 0 to 1; cell (e NB, e_dot PB) is '1.1'",
-        ),
-        (
-            ("S S S S S S nan", *GOOD[1:]),
-            "labels S, B, or numbers from 0 to 1; cell (e NB, e_dot PB) is 'nan'",
-        ),
-    ],
-    ids=["label", "case", "short-row", "long-row", "rows", "number", "nan"],
-)
-def test_errors_name_the_row_or_the_cell(rows, message):
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        centers(rows, {"S": 0.0, "B": 1.0}, Axes(), UNIT)
 
 
 def test_cell_name():

@@ -3,29 +3,17 @@
 import json
 import os
 import random
-import subprocess
-import sys
 from contextlib import suppress
 
 import pytest
 from mcap.writer import Writer
 
-from trunk_recording.messages import LIMIT
 from trunk_recording.reader import Recording, RecordingError
 from trunk_recording.writer import PROVENANCE, RecordingWriter
 
-from ...trunk_recording.test.mcap_files import (
-    ANEW,
-    chunk,
-    copied,
-    raw,
-    records_of,
-    write_records,
-    zstd_frame_that_claims,
-)
+from ...trunk_recording.test.mcap_files import ANEW, copied, records_of
 
 TRUTH = "/ground_truth/joint_states"
-GIB = 1 << 30
 
 
 @pytest.fixture(scope="module")
@@ -223,59 +211,6 @@ def test_doubled_topics_and_messages_count_once(whole, trunk, tmp_path, short_ru
     code, out, _ = trunk("info", "--check", path)
     assert code == 1
     assert f"{TRUTH}, t = 0 s: the stamp appears twice" in out
-
-
-TB = 1 << 40
-BOMB = b"\x09" + bytes(8)  # the shortest record, which is not a message
-HOSTILE = {
-    "a chunk of 1 TB": lambda: chunk(b"x", size=TB),
-    "a frame of 1 TB": lambda: chunk(b"", size=1000, packed=zstd_frame_that_claims(TB)),
-    "both of 1 TB": lambda: chunk(b"", size=TB, packed=zstd_frame_that_claims(TB)),
-    "a Zstandard bomb": lambda: chunk(bytes(4 * GIB // 8), size=1000),
-    "an honest bomb": lambda: chunk(bytes(GIB // 2)),
-    "an LZ4 bomb": lambda: chunk(bytes(GIB // 2), size=1000, compression="lz4"),
-    "many records": lambda: chunk(BOMB * (LIMIT // 9)),
-    "a record of 1 TB": lambda: raw(4, length=TB),
-    "a record of 2^64 - 1 bytes": lambda: raw(5, length=2**64 - 1),
-    "a string of 4 GB": lambda: raw(4, b"\1\0\1\0\xff\xff\xff\xff"),
-    "an attachment of 1 TB": lambda: raw(9, bytes(100), TB),
-    "a chunk in a chunk": lambda: chunk(chunk(b"", compression=""), compression=""),
-}
-
-
-LIMITED = """
-import resource, sys
-resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))
-resource.setrlimit(resource.RLIMIT_CPU, (30, 30))  # of the processor's time, not of the clock's
-from trunk_experiments.cli import main
-try:
-    main()
-finally:
-    # Not getrusage: a new program inherits the peak of the process that it was forked from.
-    status = open("/proc/self/status").read()
-    print(status.split("VmHWM:")[1].split()[0], file=sys.stderr)
-"""
-
-
-@pytest.mark.one_in(5)
-@pytest.mark.parametrize("hostile", HOSTILE.values(), ids=HOSTILE.keys())
-@pytest.mark.slow
-def test_hostile_files_take_neither_time_nor_memory(hostile, tmp_path):
-    path = write_records(tmp_path / "a.mcap", hostile())
-    done = subprocess.run(
-        [sys.executable, "-c", LIMITED, "metrics", path],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    *_, error, peak = done.stderr.splitlines()
-    assert error.startswith("trunk: error: ")
-    assert str(path) in error
-    assert "Traceback" not in done.stderr
-    assert int(peak) * 1024 < GIB
-    if "in a chunk" not in str(hostile):
-        assert Recording.open(path).warnings
 
 
 def test_a_deep_yaml(tmp_path):

@@ -148,6 +148,7 @@ def test_like_refuses_what_it_would_ignore(short_run, tmp_path, monkeypatch, cap
         ("--controller", "pid"),
         ("--set", "pid.gains.p=1"),
         ("--rate", "500"),
+        ("--push", "1Nm:1s"),
         ("SCENARIO",),
     ):
         monkeypatch.setattr(

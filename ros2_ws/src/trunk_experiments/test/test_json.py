@@ -61,6 +61,8 @@ def test_a_key_that_the_schema_does_not_know_is_found(recordings_here, command_s
         ("tune", 2, "No such option '--json'"),
         ("params nix", 2, "params 'nix': give show, set, apply, or a node"),
         ("run fig8 --duration 0", 2, "a recorded run needs an end"),
+        ("simulate -o x.mcap", 2, "--like"),
+        ("simulate fig6 --duration 0 -o x.mcap", 2, "duration is 0"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -113,6 +115,10 @@ def test_what_is_said_of_a_run(recordings_here, command_says):
         assert document["doubts"]["reason"] is None
         assert document["doubts"]["fell"] == RecordedRun.open("a.mcap").fall.stamp_ns / 1e9
         assert document["doubts"]["late"] is None
+    assert (of["info-1"]["scenario"], of["info-1"]["nodes"][:2]) == (
+        "fig8",
+        ["/disturbance", "/pid"],
+    )
     judged = {name: document["doubts"]["judged"] for name, document in of.items()}
     assert judged == {"info-1": None, "metrics-1": None, "verify-2": "verified"}
     cut = checked(command_says("metrics", "cut.mcap", "--json")[1], "metrics-1")["doubts"]

@@ -130,7 +130,8 @@ def test_a_recording_verifies_and_names_its_plant(recorded):
     assert verdict.exit_code == VERIFIED, verdict
     run = RecordedRun.open(recorded)
     assert run.parameters["simulator"][PLANT_NAME] == "cart_pole"
-    assert run.parameters["simulator"]["joints"] == ("cart", "pole")
+    for node in ("simulator", "disturbance"):
+        assert run.parameters[node]["joints"] == ("cart", "pole")
     assert run.plan().simulator.kind is PLANTS.named("cart_pole")
 
 

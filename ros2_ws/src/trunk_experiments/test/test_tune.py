@@ -273,14 +273,6 @@ def test_a_missing_folder_is_reported_first(tmp_path, verb):
         invoke(*verb, "-o", tmp_path / "none" / "gains.yaml")
 
 
-def test_a_file_is_not_overwritten(tmp_path):
-    path = tmp_path / "gains.yaml"
-    path.write_text("mine")
-    with pytest.raises(PlanError, match="--force"):
-        invoke("poles", "-o", path)
-    assert path.read_text() == "mine"
-
-
 def test_a_unit_that_the_plant_chooses_is_said_to_be_the_trunks():
     options = [option for verb in command.commands.values() for option in verb.params]
     chosen = [

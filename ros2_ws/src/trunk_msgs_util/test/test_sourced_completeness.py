@@ -8,7 +8,7 @@ from trunk_core.topics import LEVEL_OK
 from trunk_msgs_util.completeness import OF_STATES_IN_REAL_TIME, Account
 from trunk_msgs_util.source import frame_of_inputs
 from trunk_recording.cdr import JointStateLayout, layout_of
-from trunk_recording.schemas import ParameterChange, RunEvent
+from trunk_recording.schemas import RunEvent
 
 MS = 1_000_000
 PLANT, PID, PUSH, OTHER = (
@@ -163,20 +163,6 @@ def test_a_restarted_simulator_makes_two_runs():
         told("/plant", "finished", OTHER, states=str(STATES), reason="duration reached")
     )
     assert verdict(completeness) == (False, "it holds 2 runs: the simulator was restarted")
-
-
-def test_a_row_that_no_simulator_sends_is_refused():
-    with pytest.raises(ValueError, match="not a row"):
-        say(run(), topics.PLANT_INPUTS, 1, PLANT)
-
-
-def test_a_node_from_which_only_the_parameters_arrived():
-    completeness = run()
-    completeness.take_parameters(ParameterChange(0, "/lqr", {"kp": 1.0}, {}))
-    assert verdict(completeness) == (
-        False,
-        "/lqr: its parameters were recorded, but none of its events",
-    )
 
 
 def test_a_node_that_outlived_a_simulator_has_messages_of_two_runs():

@@ -103,22 +103,6 @@ def test_a_pulse_on_one_run_is_known_as_its_own(short_run):
     assert [pulse["runs"] for pulse in report_data.report_data([one, other])["pulses"]] == [[0]]
 
 
-def test_a_long_run_holds_least_and_greatest_values_and_says_so(reported, views, monkeypatch):
-    monkeypatch.setattr(report_data, "_EXACT_ROWS", 100)
-    monkeypatch.setattr(report_data, "_BINNED_ROWS", 200)
-    page = reported(views[:1])
-    assert "of each 14 states" in page.inner_text(".binned strong")
-    table = views[0].table
-    for name, values in {"torque": table.torque, "theta": table.theta}.items():
-        read = page.evaluate("(name) => Array.from(known.plant.columns.get(name))", name)
-        assert len(read) == 2 * -(-len(values) // 14)
-        for i, pair in enumerate(zip(read[0::2], read[1::2], strict=True)):
-            part = values[14 * i : 14 * (i + 1)]
-            assert (min(pair), max(pair)) == (part.min(), part.max())
-    times = page.evaluate("() => Array.from(known.plant.t)")
-    assert (times[0], times[-1]) == (table.t[0], table.t[-1])
-
-
 def test_runs_of_different_rates_keep_their_own_states(reported, views, short_run):
     slow = short_run("fig8", "pid", settings=("simulator.update_rate=500", "pid.update_rate=500"))
     other = RunView.read(RecordedRun.open(slow))
