@@ -1,7 +1,7 @@
 """The recordings that are tampered with: an offline run, one in lock-step and one in real time.
 
-Each has a swap from fuzzy PID to PID, sensor noise and delay, a pulse, tables, changes of parameters, resets
-and a fall; those of the graph have a pause too.
+Each has a swap from fuzzy PID to PID, sensor noise and delay, a pulse, changes of parameters, resets and a
+fall; those of the graph have a pause too.
 """
 
 from collections.abc import Mapping
@@ -41,12 +41,7 @@ def base_plan(duration: float, rate: float = 500.0) -> RunPlan:
             "simulator.substeps=1",
             f"disturbance.pulse.start_times=[{0.45 * at}]",
             f"disturbance.pulse.duration={0.2 * at}",
-            f"disturbance.table.times=[{0.1 * at}, {0.9 * at}]",
-            "disturbance.table.values=[0.2, -0.1]",
             "disturbance.noise.rms=0.05",
-            "pid.reference.profile=interpolated",
-            f"pid.reference.times=[{0.3 * at}, {0.8 * at}]",
-            "pid.reference.values=[0.1, -0.2]",
             "fuzzy_pid.reference.profile=sine",
             "fuzzy_pid.reference.amplitude=0.2",
             "fuzzy_pid.reference.frequency=1.3",

@@ -32,7 +32,7 @@ from trunk_recording.reader import RecordingError
 
 from .bases import BASES, OFFLINE, make_base
 from .edits import Edit, edits_of
-from .honest import offline_runs
+from .honest import graph_runs, offline_runs
 from .shown import shown_otherwise
 
 DIGESTS = (KEPT, ANEW, NONE)
@@ -166,14 +166,24 @@ def check_edits(folder: Path) -> int:
 
 
 def check_honest(folder: Path, count: int) -> int:
-    """Verify random honest runs."""
-    accused = 0
-    for run in offline_runs(count, folder):
+    """Verify random honest runs: 80 % offline, 16 % in lock-step, 4 % in real time."""
+    lockstep, real_time = max(count * 16 // 100, 1), max(count * 4 // 100, 1)
+    runs: Iterator = chain(
+        offline_runs(count - lockstep - real_time, folder),
+        graph_runs(lockstep, folder, lockstep=True),
+        graph_runs(real_time, folder, lockstep=False),
+    )
+    counts: Counter[str] = Counter()
+    for run in runs:
+        counts["runs"] += 1
+        counts["complete"] += run.complete
         if run.accused:
-            accused += 1
+            counts["accused"] += 1
             print(f"{run.name}: {run.accused}", flush=True)
-    print(f"{count} honest runs: {accused} accused")
-    return min(accused, 1)
+    print(
+        f"{counts['runs']} honest runs, {counts['complete']} complete: {counts['accused']} accused"
+    )
+    return 1 if counts["accused"] else 0
 
 
 def main(arguments: list[str]) -> int:

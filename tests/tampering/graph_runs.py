@@ -1,4 +1,4 @@
-"""Runs of the real nodes in this process, with what users do meanwhile: changes, resets, pauses.
+"""Runs of the real nodes in this process, with what users do meanwhile: changes, resets, pauses, transitions.
 
 The nodes, their topics and their services' callbacks are those of `trunk run --composed`; only the calls
 come from this process, so that a run needs no second process to talk to it.
@@ -51,6 +51,11 @@ def pause(stamp_ns: int, hold: bool) -> Action:
     """Call the simulator's service ``~/pause``."""
     request = SetBool.Request(data=hold)
     return Action(stamp_ns, "simulator", lambda it: it._on_pause(request, SetBool.Response()))
+
+
+def transition(stamp_ns: int, node: str, label: str) -> Action:
+    """Make a lifecycle transition: ``deactivate``, ``activate``, ``cleanup`` or ``configure``."""
+    return Action(stamp_ns, node, lambda it: getattr(it, f"trigger_{label}")())
 
 
 def run(plan: RunPlan, path: Path, actions: Sequence[Action] = ()) -> bool:
