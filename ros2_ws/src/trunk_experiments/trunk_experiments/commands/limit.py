@@ -30,7 +30,6 @@ from ..console.options import (
     check_output,
     device_option,
     exclude,
-    names_or_files,
     output_options,
     parameter_options,
     studies,
@@ -80,7 +79,7 @@ PlanOf = Callable[[str, str], RunPlan]  # of a controller, with a value
 @click.option(
     "--study",
     metavar="STUDY",
-    shell_complete=names_or_files(studies),
+    shell_complete=studies,
     help="In place of SCENARIO: how many of its random runs stand each value.",
 )
 @click.option(

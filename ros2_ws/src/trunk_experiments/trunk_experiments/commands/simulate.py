@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -50,7 +49,7 @@ class SimulateResult(PlanResult, WrittenResult, document="simulate-1"):
 
 
 @click.command("simulate")
-@partial(plan_options, required=False)
+@plan_options(required=False)
 @push_option
 @output_options("The MCAP file to write.  [default: SCENARIO_CONTROLLER.mcap]")
 @markers_option

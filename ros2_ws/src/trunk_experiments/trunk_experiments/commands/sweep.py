@@ -20,7 +20,6 @@ from ..console.options import (
     device_option,
     exclude,
     jobs_option,
-    names_or_files,
     output_options,
     studies,
 )
@@ -57,9 +56,9 @@ class SweepResult(Result, document="sweep-1"):
 
 
 @click.command("sweep")
-@click.argument("study", shell_complete=names_or_files(studies))
+@click.argument("study", shell_complete=studies)
 @output_options("The Parquet file to write; needed without --sobol.")
-@jobs_option("Processes on this machine.")
+@jobs_option
 @click.option(
     "--scheduler",
     metavar="tcp://HOST:PORT",

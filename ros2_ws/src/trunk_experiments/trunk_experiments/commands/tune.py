@@ -24,7 +24,7 @@ from ..console.document import json_option, write_json
 from ..console.options import (
     ControllerName,
     FiniteRange,
-    Function,
+    Option,
     WholeRange,
     check_output,
     exclude,
@@ -32,6 +32,7 @@ from ..console.options import (
     loop_options,
     loop_plan,
     output_options,
+    together,
 )
 from ..console.tables import print_table
 from ..console.terminal import progress_bar, show_warnings
@@ -46,16 +47,12 @@ if TYPE_CHECKING:
     from ..console.study_documents import StudySearchResult
 
 
-def _options(function: Any) -> Any:
-    """Add the options of every method: plant, profile, rate, and the output file."""
-    options = [
-        output_options("The ROS 2 parameter file to write, for --params or --params-file."),
-        loop_options,
-        json_option("trunk_experiments.console.study_documents:TuneResult"),
-    ]
-    for option in reversed(options):
-        function = option(function)
-    return function
+# Of every method: plant, profile, rate, and the output file.
+_options = together(
+    output_options("The ROS 2 parameter file to write, for --params or --params-file."),
+    loop_options,
+    json_option("trunk_experiments.console.study_documents:TuneResult"),
+)
 
 
 def _of_plant(unit: str) -> Callable[[Mapping[str, Any]], str]:
@@ -70,7 +67,7 @@ def _of_plant(unit: str) -> Callable[[Mapping[str, Any]], str]:
     return chosen
 
 
-def _largest(name: str, default: float, text: str, unit: str) -> Callable[[Function], Function]:
+def _largest(name: str, default: float, text: str, unit: str) -> Option:
     """Add an option for a largest acceptable value; its range keeps the Riccati equation solvable."""
     kind = FiniteRange(1e-6, 1e6, unit=_of_plant(unit))
     return click.option(
@@ -212,7 +209,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
     type=WholeRange(0, 2**31 - 1),
     help="With --study: of the draws by which the result is judged.  [default: the study's + 1]",
 )
-@jobs_option("Processes on this machine.")
+@jobs_option
 def optimise_command(
     controller: str,
     scenarios: tuple[str, ...],
