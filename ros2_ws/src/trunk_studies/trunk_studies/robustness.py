@@ -19,7 +19,6 @@ from trunk_runs.timeline import Push
 from trunk_sim.plant import Plant
 
 from .batch.block import Maker, summaries
-from .batch.compiled_run import Batch
 from .batch.lanes import LANES
 from .rows import AT_ONCE, make_bases, outcomes
 from .statistics import wilson
@@ -87,12 +86,11 @@ def find_limit(
     stands and the first that falls. A fall need not be final: a stronger pulse may throw the trunk through to
     where it is caught, so what stands beyond is returned, too. Raises PlanError for a value that is refused.
     """
-    batch = Batch()
     tried: dict[float, bool] = {}
     values = np.linspace(first, last, LANES).tolist()
     while True:
         plans = [plan_at(value) for value in values]
-        for value, run in zip(values, summaries(plans, batch), strict=True):
+        for value, run in zip(values, summaries(plans), strict=True):
             if run.refused:
                 raise PlanError(f"{value:g}: {run.refused}")
             tried[value] = run.stood

@@ -23,15 +23,16 @@ from trunk_core.arrays import Floats
 from trunk_core.errors import PlanError, TrunkError
 from trunk_core.parameters.declarations import Declaration, declarations
 from trunk_core.results import OMITTED, Named
+from trunk_evidence.judgement import VERIFIED, verify
 from trunk_evidence.recorded_run import RecordedRun
 from trunk_evidence.run_table import RunTable
 from trunk_recording.reader import Recording
 from trunk_runs.engine import states_of_run
-from trunk_runs.offline_recording import record_states
+from trunk_runs.offline_recording import record_offline, record_states
 from trunk_runs.plan import RunPlan
 from trunk_sim.simulation import DivergedError
 from trunk_studies.batch.block import RunSummary, regular_run, run_block, summary_of
-from trunk_studies.batch.compiled_run import Batch, Outcome
+from trunk_studies.batch.compiled_run import NotCompiledWarning, Outcome, run_compiled
 from trunk_studies.batch.lanes import LANES, TRACED
 
 Plugin = TypeVar("Plugin")
@@ -160,9 +161,6 @@ def fastest_us(call: Callable[[Any], object], inputs: Sequence[Any]) -> float:
 
 def recomputes(plan: RunPlan, where: str, advice: str) -> Iterator[Finding]:
     """Yield a finding where a recorded run differs from its recomputation."""
-    from trunk_evidence.judgement import VERIFIED, verify
-    from trunk_runs.offline_recording import record_offline
-
     with TemporaryDirectory(prefix="trunk-check-") as folder:
         path = Path(folder) / "run.mcap"
         try:
@@ -181,13 +179,13 @@ def recomputes(plan: RunPlan, where: str, advice: str) -> Iterator[Finding]:
 _IN_LANES = ("x", "theta", "x_dot", "theta_dot", "reference", "torque")
 
 
-def first_difference(plan: RunPlan, batch: Batch) -> str | None:
+def first_difference(plan: RunPlan) -> str | None:
     """Return the first difference of a plan's compiled and interpreted runs; None if all bits are equal.
 
     A plan that both refuse with the same message counts as equal.
     """
     try:
-        outcome = batch.run(plan)
+        outcome = run_compiled(plan)
     except PlanError as error:
         return _refusal_difference(plan, str(error))
     diverged = False
@@ -234,7 +232,7 @@ def lane_difference(plan: RunPlan, outcome: Outcome) -> str | None:
     for columns in lanes:
         if difference := column_difference(outcome.table, columns):
             return f"{plan.scenario}: in a lane: {difference}"
-    alone = summary_of(plan, Batch())
+    alone = summary_of(plan)
     return None if summary == alone else f"{plan.scenario}: {summary} in a lane, {alone} alone"
 
 
@@ -268,11 +266,9 @@ def _refusal_difference(plan: RunPlan, reason: str) -> str | None:
 
 def compiles(plan: RunPlan, where: str, slower: Callable[[], str]) -> Iterator[Finding]:
     """Yield a finding where compiled code differs from CPython; note what numba refuses, and the cost."""
-    from trunk_studies.batch.compiled_run import Batch, NotCompiledWarning
-
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        difference = first_difference(plan, Batch())
+        difference = first_difference(plan)
         refused = [w.message for w in caught if isinstance(w.message, NotCompiledWarning)]
         if refused:
             yield Finding(
@@ -296,14 +292,11 @@ ALONE = "until then sweeps make its runs one after another, more slowly"
 
 def runs_in_lanes(plan: RunPlan, where: str) -> Iterator[Finding]:
     """Yield a finding where a run in a lane has other bits than alone; note one that is in no lane."""
-    from trunk_studies.batch.compiled_run import Batch, NotCompiledWarning
-
     if lane_columns(plan) is None:
         problem = f"the {plan.scenario}'s run leaves its lane: numba refuses it, or it holds"
         yield Finding("lanes", where, problem, f"see the other findings; {ALONE}", note=True)
         return
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotCompiledWarning)  # `compiles` notes it
-        batch = Batch()
-        if difference := lane_difference(plan, batch.run(plan)):
+        if difference := lane_difference(plan, run_compiled(plan)):
             yield Finding("lanes", where, difference, "compare with <, >, if; not with min, max")

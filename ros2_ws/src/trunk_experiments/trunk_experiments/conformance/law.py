@@ -24,6 +24,7 @@ from trunk_control.law import (
 )
 from trunk_control.laws import law_named
 from trunk_core.elementary import LARGEST_ANGLE, cos, sin, sincos
+from trunk_core.errors import PlanError
 from trunk_core.parameters.declarations import (
     Declaration,
     ParameterError,
@@ -35,6 +36,8 @@ from trunk_core.parameters.declarations import (
 )
 from trunk_core.parameters.parameter_files import ParameterFileError, read
 from trunk_runs.plan import RunPlan, make_plan
+from trunk_studies.batch.compiled_run import run_compiled
+from trunk_studies.batch.lanes import without_row
 
 from .kit import (
     ALONE,
@@ -506,8 +509,6 @@ def compiled(law: Law) -> Iterator[Finding]:
 
 def in_lanes(law: Law) -> Iterator[Finding]:
     """Yield a finding where a run in a lane has other bits than alone; note what keeps it from lanes."""
-    from trunk_studies.batch.lanes import without_row
-
     if strange := without_row(law.memory):
         advice = f"remember numbers, flags and tuples of them; {ALONE}"
         yield Finding("lanes", name_of(type(law.memory)), strange, advice, note=True)
@@ -517,7 +518,6 @@ def in_lanes(law: Law) -> Iterator[Finding]:
 
 def linearises(law: Law) -> Iterator[Finding]:
     """Note why a law has no linear model: no margins, no Floquet multipliers."""
-    from trunk_core.errors import PlanError
     from trunk_studies.tuning.linear import law_slopes
 
     config = law.config()
@@ -547,12 +547,9 @@ def exports(law: Law) -> Iterator[Finding]:
 
 
 def _seconds(plan: RunPlan) -> float:
-    from trunk_studies.batch.compiled_run import Batch
-
-    batch = Batch()
-    batch.run(plan)
+    run_compiled(plan)
     begun = process_time()
-    batch.run(plan)
+    run_compiled(plan)
     return process_time() - begun
 
 

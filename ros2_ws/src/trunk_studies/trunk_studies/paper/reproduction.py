@@ -11,7 +11,7 @@ from trunk_core.results import Known, Result
 from trunk_evidence.run_metrics import Metrics
 from trunk_runs.plan import make_plan
 
-from ..batch.compiled_run import Batch
+from ..batch.compiled_run import run_compiled
 from .claims import (
     BASELINES,
     CLAIMS,
@@ -96,20 +96,18 @@ def rate_dependence() -> dict[str, Any]:
     With Kd h near the bound 2 m l^2 M / (M + m) a derivative on the error turns the reference's step
     and the pulses into torques of Kd step / h, which grow as the period shrinks.
     """
-    batch = Batch()
     outcomes: dict[str, Any] = {}
     for figure in ("fig6", "fig7", "fig8", "fig9"):
         outcomes[figure] = {}
         for rate in RATES:
             plan = make_plan(figure, "pid", ["pid_as_printed"], everywhere={"update_rate": rate})
-            values = batch.run(plan).metrics()
+            values = run_compiled(plan).metrics()
             outcomes[figure][rate] = values and {key: getattr(values, key) for key in RATE_KEYS}
     return outcomes
 
 
 def literal_model() -> dict[str, Any]:
     """Return, by controller and by ``none``, the metrics of Fig. 6 with the misprinted equations."""
-    batch = Batch()
     outcomes: dict[str, Any] = {}
     settings: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
         name: (c.node, c.params, ()) for name, c in OF_THE_PAPER.items()
@@ -118,7 +116,7 @@ def literal_model() -> dict[str, Any]:
     for name, (node, params, values) in settings.items():
         for equations in ("plant_as_printed", "derived"):
             files = [*params, equations] if equations != "derived" else list(params)
-            run = batch.run(make_plan("fig6", node, files, values)).metrics()
+            run = run_compiled(make_plan("fig6", node, files, values)).metrics()
             outcomes[f"{name}, {equations}"] = run
     return outcomes
 
