@@ -311,18 +311,10 @@ def _study(
     drawn = {str(target) for variable in study.variables for target in variable.targets}
     conditions = conditions_of(plan, {vary, *drawn})
     values = np.linspace(*bounds, points).tolist()
-    total = study.total * points
-    done = 0
-    with progress_bar("runs") as show_done:
-
-        def progress(runs: int) -> None:
-            nonlocal done
-            done += runs
-            show_done(done, total)
-
+    with progress_bar("runs") as tell:
         array, _, index = parameter.removesuffix("]").partition("[")
         target = Target(node, array, int(index) if index else None)
-        curves = survival(study, target, values, progress, maker)
+        curves = survival(study, target, values, tell, maker)
     show_warnings(maker.remarks() if maker else [])
     if output is not None:
         from trunk_studies.stability_map import draw_survival

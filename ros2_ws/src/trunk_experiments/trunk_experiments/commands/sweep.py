@@ -156,13 +156,7 @@ def run_sweep(
         click.echo(f"resuming: {done} of {total} runs are done", err=True)
     with progress_bar("runs") as tell:
         tell(done, total)
-
-        def progress(runs: int) -> None:
-            nonlocal done
-            done += runs
-            tell(done, total)
-
-        sweep.run(runner, progress)
+        sweep.run(runner, tell)
     sweep.finish()
     show_warnings(maker.remarks() if maker else [])
     return dict(outcome_counts(sweep.output))
