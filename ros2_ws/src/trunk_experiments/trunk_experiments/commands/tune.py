@@ -44,14 +44,14 @@ if TYPE_CHECKING:
     from trunk_studies.statistics import PairedDifference
     from trunk_studies.tuning.methods import Relay
 
-    from ..console.study_documents import StudySearchResult
+    from ..console.tune_document import StudySearchResult
 
 
 # Of every method: plant, profile, rate, and the output file.
 _options = together(
     output_options("The ROS 2 parameter file to write, for --params or --params-file."),
     loop_options,
-    json_option("trunk_experiments.console.study_documents:TuneResult"),
+    json_option("trunk_experiments.console.tune_document:TuneResult"),
 )
 
 
@@ -233,7 +233,7 @@ def optimise_command(
     from trunk_studies.study import read_study
     from trunk_studies.tuning.search import Optimum, search
 
-    from ..console.study_documents import SearchResult
+    from ..console.tune_document import SearchResult
 
     _check(options)
     how: dict[str, Any] = {}
@@ -320,7 +320,7 @@ def _finish(
         write(options["output"], {name: values})
     if options["as_json"]:
         show_warnings(margin_warnings(tuned, margins))
-        from ..console.study_documents import TuneResult
+        from ..console.tune_document import TuneResult
 
         rate = plan.controller.update_rate
         write_json(TuneResult(name, options["output"], values, rate, margins, **(how or {})))
@@ -398,7 +398,7 @@ def _show_learned(learned: Learned, metric: str, seed: int) -> None:
 
 def _study_result(learned: Learned, source: str, metric: str, seed: int) -> StudySearchResult:
     """Return the same for the document."""
-    from ..console.study_documents import LearnedDifference, StudySearchResult
+    from ..console.tune_document import LearnedDifference, StudySearchResult
 
     rows = [
         LearnedDifference(d.second, d.pairs, d.mean_with_bounds, d.verdict)
