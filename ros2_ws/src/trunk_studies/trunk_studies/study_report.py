@@ -65,7 +65,6 @@ class Histogram:
 class MetricPart:
     """What the page says of one metric."""
 
-    key: str
     label: str
     unit: str
     low: str  # of the bins
@@ -87,10 +86,8 @@ class StudyReport:
     metrics: tuple[MetricPart, ...]
     maps: tuple[tuple[str, str], ...]  # of each controller, as a data URL
     axes: tuple[str, ...]  # of the maps: two grid variables, or of one picture of curves: one
-    map_metric: str
+    metric: str  # of the map and of the worst runs
     worst: tuple[Worst, ...]
-    worst_metric: str
-    varied: tuple[str, ...]
     text: str
     provenance: str
 
@@ -132,10 +129,8 @@ def make_report(
         ),
         maps=tuple(_maps(results, metric, axes, floquet)) if axes else (),
         axes=axes,
-        map_metric=metric,
+        metric=metric,
         worst=tuple(worst_runs(results, metric, WORST)),
-        worst_metric=metric,
-        varied=tuple(v.name for v in study.variables),
         text=results.study_text,
         provenance=(results.table.schema.metadata or {}).get(b"provenance", b"").decode(),
     )
@@ -226,7 +221,6 @@ def _part(
         histograms.append(Histogram(spread, bars, median))
     quantity = QUANTITIES[metric].said(results.study.words)
     return MetricPart(
-        key=metric,
         label=quantity.label,
         unit=quantity.unit,
         low=low,

@@ -26,7 +26,7 @@ from ..console.options import (
     plan_options,
     push_option,
 )
-from ..console.reading import WrittenResult, about_written, open_run, show_written_doubts
+from ..console.reading import WrittenResult, about_written, open_run
 from ..console.terminal import line_of, progress_bar, report_error
 
 if TYPE_CHECKING:
@@ -105,7 +105,9 @@ def command(
         if difference:
             click.echo(f"DIFFERS: {difference}")
         if diverged is None:
-            show_written_doubts(output)
+            doubts = about_written(output).doubts
+            for line in doubts.lines if doubts else ():
+                click.echo(line)
             click.echo(
                 f"{output}: {states} states, {plan.scenario}, {plan.turns}{_bits(experiment, difference)}"
             )

@@ -167,10 +167,6 @@ class ExportedController:
             readings.append(
                 Reading(k * self.config.period_ns, theta, 4.0 * omega, Hip(x, v), 20.0 * acting)
             )
-        return self.answered(readings)
-
-    def answered(self, readings: list[Reading]) -> list[ExportedStep]:
-        """Return CPython's answers to readings, one after the other."""
         controller = Controller(self.config, self.law)
         outputs = [(reading, controller.decide(reading)) for reading in readings]
         return [ExportedStep(reading, out.effort, out.active) for reading, out in outputs]

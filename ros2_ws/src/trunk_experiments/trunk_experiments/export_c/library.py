@@ -99,11 +99,6 @@ def _check_parameters(run: RecordedRun, e: ExportedController) -> None:
             )
 
 
-def swinging_rows(e: ExportedController, count: int = SWINGING) -> list[ExportedStep]:
-    """Return CPython's answers to so many states, where there is no recording."""
-    return e.answers(count)
-
-
 def packed(rows: Sequence[ExportedStep]) -> bytes:
     """Return rows as replay.c reads them: 64 bits a number, little-endian."""
     chunks = [pack("<qdddddqddq", *row.numbers, row.compared) for row in rows]
