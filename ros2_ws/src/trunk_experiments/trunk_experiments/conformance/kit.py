@@ -20,6 +20,7 @@ from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from trunk_core.arrays import Floats
+from trunk_core.c.types import UntranslatableError
 from trunk_core.errors import PlanError, TrunkError
 from trunk_core.parameters.declarations import Declaration, declarations
 from trunk_core.results import OMITTED, Named
@@ -41,11 +42,11 @@ Plugin = TypeVar("Plugin")
 class Finding(NamedTuple):
     """A breach of the contract by a plug-in, or a note about it."""
 
-    check: Annotated[str, OMITTED]
     function: Annotated[str, "MODULE.FUNCTION"]
     problem: Annotated[str, Named("what"), "With the input that shows it"]
     advice: Annotated[str, "What to do"]
     note: Annotated[bool, "To know, not to mend"] = False
+    check: Annotated[str, OMITTED] = ""  # filled in by `Kit.findings_of`
 
     def line(self) -> str:
         """Return it as one line."""
@@ -77,7 +78,7 @@ class Kit(Generic[Plugin]):
         """
         plugin = self.named(name)
         try:
-            return list(check.run(plugin))
+            found = list(check.run(plugin))
         except Exception as error:
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             function = self.function(plugin)
@@ -86,7 +87,8 @@ class Kit(Generic[Plugin]):
             if lines:
                 where += f", line {lines[-1]}"
             advice = f"a {self.noun} never raises"
-            return [Finding(check.name, where, f"raises {reason}", advice)]
+            found = [Finding(where, f"raises {reason}", advice)]
+        return [finding._replace(check=check.name) for finding in found]
 
     def conformance(
         self, name: str, checks: Sequence[Check[Plugin]] | None = None
@@ -130,22 +132,16 @@ def bounded(config: type[Any], shared: type[Any]) -> Iterator[Finding]:
     for name, declared in own_parameters(config, shared).items():
         where = f"{name_of(config)} {name}"
         if not declared.description.strip():
-            yield Finding("declared", where, "has no description", "say in a phrase what it is")
+            yield Finding(where, "has no description", "say in a phrase what it is")
         if isinstance(declared.default, str | bool | tuple) and not isinstance(
             next(iter(numbers_in(declared.default)), None), float
         ):
             continue
         limited_below = declared.minimum is not None or declared.above is not None
         if not declared.unbounded and not (limited_below and declared.maximum is not None):
-            yield Finding("declared", where, "has no bounds", "give minimum or above, and maximum")
+            yield Finding(where, "has no bounds", "give minimum or above, and maximum")
         if not declared.unit and isinstance(declared.default, float):
-            yield Finding(
-                "declared",
-                where,
-                "has no unit",
-                "give unit=..., in SI; none for a ratio",
-                note=True,
-            )
+            yield Finding(where, "has no unit", "give unit=..., in SI; none for a ratio", note=True)
 
 
 def fastest_us(call: Callable[[Any], object], inputs: Sequence[Any]) -> float:
@@ -167,13 +163,11 @@ def recomputes(plan: RunPlan, where: str, advice: str) -> Iterator[Finding]:
             record_offline(plan, path)
             verdict = verify(Recording.open(path))
         except TrunkError as error:
-            yield Finding("replay", where, str(error), "see the other findings")
+            yield Finding(where, str(error), "see the other findings")
             return
     if verdict.exit_code != VERIFIED:
         said = "; ".join(verdict.reasons)
-        yield Finding(
-            "replay", where, f"trunk verify does not verify a run with it: {said}", advice
-        )
+        yield Finding(where, f"trunk verify does not verify a run with it: {said}", advice)
 
 
 _IN_LANES = ("x", "theta", "x_dot", "theta_dot", "reference", "torque")
@@ -272,7 +266,6 @@ def compiles(plan: RunPlan, where: str, slower: Callable[[], str]) -> Iterator[F
         refused = [w.message for w in caught if isinstance(w.message, NotCompiledWarning)]
         if refused:
             yield Finding(
-                "compiled",
                 where,
                 f"not compilable: {refused[0].reason}",
                 f"sweeps will use CPython, {slower()}",
@@ -280,11 +273,20 @@ def compiles(plan: RunPlan, where: str, slower: Callable[[], str]) -> Iterator[F
             )
     if difference is not None:
         yield Finding(
-            "compiled",
             where,
             f"compiled code and CPython differ: {difference}",
             "compare with <, >, if; min, max and ** differ for NaN and -0.0",
         )
+
+
+def untranslated(error: UntranslatableError, refuses: str) -> Finding:
+    """Return a note on what the translator to C refuses: function, line and expression, and the cure."""
+    return Finding(
+        f"{error.function}, line {error.line}",
+        f"{error.text}: {error.problem}",
+        f"{error.remedy}; until then {refuses}",
+        note=True,
+    )
 
 
 ALONE = "until then sweeps make its runs one after another, more slowly"
@@ -294,9 +296,9 @@ def runs_in_lanes(plan: RunPlan, where: str) -> Iterator[Finding]:
     """Yield a finding where a run in a lane has other bits than alone; note one that is in no lane."""
     if lane_columns(plan) is None:
         problem = f"the {plan.scenario}'s run leaves its lane: numba refuses it, or it holds"
-        yield Finding("lanes", where, problem, f"see the other findings; {ALONE}", note=True)
+        yield Finding(where, problem, f"see the other findings; {ALONE}", note=True)
         return
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotCompiledWarning)  # `compiles` notes it
         if difference := lane_difference(plan, run_compiled(plan)):
-            yield Finding("lanes", where, difference, "compare with <, >, if; not with min, max")
+            yield Finding(where, difference, "compare with <, >, if; not with min, max")
