@@ -315,7 +315,7 @@ class Episodes:
         """Raise PlanError for more episodes than fit into memory."""
         self.task, self.count = task, count
         common = task.regular.common
-        shared = common._replace(plant=with_arrays(common.plant), constants=None)
+        shared = common._replace(plant=with_arrays(common.plant), constants=())
         self.course = Course(shared, task.effort_weight, lost(task))
         law, example = law_of(task.plan.controller), task.constants
         if example is not None:
