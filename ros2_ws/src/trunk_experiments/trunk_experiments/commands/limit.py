@@ -234,16 +234,15 @@ def _limits(
         for name in names:
             before = most * len(limits)
 
+            def plan_at(value: float, name: str = name) -> RunPlan:
+                return make(name, repr(value))
+
             def progress(runs: int, before: int = before) -> None:
                 tell(before + runs, most * len(names))
 
-            limits[name] = find_limit(partial(_at, make, name), first, last, exact, progress)
+            limits[name] = find_limit(plan_at, first, last, exact, progress)
             progress(most)
     return limits
-
-
-def _at(make: PlanOf, name: str, value: float) -> RunPlan:
-    return make(name, repr(value))
 
 
 def _record(make: PlanOf, limit: Limit, files: list[Path], force: bool) -> Limit:
@@ -256,7 +255,7 @@ def _record(make: PlanOf, limit: Limit, files: list[Path], force: bool) -> Limit
         if value is None:
             continue
         try:
-            record_offline(_at(make, limit.controller, value), path, overwrite=force)
+            record_offline(make(limit.controller, repr(value)), path, overwrite=force)
         except DivergedError:
             show_warnings([f"{path}: diverges, as recorded"])
         written.append(path)

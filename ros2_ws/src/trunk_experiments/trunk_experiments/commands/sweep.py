@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -121,7 +120,8 @@ def command(
         line = f"{study}: {sweep.study.total} runs in {sweep.blocks} blocks"
     else:
         outcomes = run_sweep(sweep, jobs, scheduler, device)
-        line = ended(sweep, outcomes)
+        counts = ", ".join(f"{count} {name}" for name, count in outcomes.items())
+        line = f"{output}: {sweep.study.total} runs: {counts}"
     if as_json:
         written, ends = (
             None if check else output,
@@ -132,17 +132,8 @@ def command(
         click.echo(line)
 
 
-def ended(sweep: SweepJob, outcomes: Mapping[str, int]) -> str:
-    """Return a line on how a sweep's runs ended."""
-    counts = ", ".join(f"{count} {name}" for name, count in outcomes.items())
-    return f"{sweep.output}: {sweep.study.total} runs: {counts}"
-
-
 def run_sweep(
-    sweep: SweepJob,
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    device: str = "cpu",
+    sweep: SweepJob, jobs: int | None, scheduler: str | None, device: str
 ) -> dict[str, int]:
     """Run a sweep, or the rest of an interrupted one, showing progress; return the count of each outcome."""
     from trunk_studies.sweep_execution import outcome_counts
