@@ -89,8 +89,13 @@ def command(
 
     Without --params, --set and --like its parameters are the defaults.
     """
-    from ..export_c.exported_controller import ExportedController
-    from ..export_c.library import SWINGING, base_files, check_name, recorded_rows
+    from ..export_c.library import (
+        SWINGING,
+        ExportedController,
+        base_files,
+        check_name,
+        recorded_rows,
+    )
 
     name = check_name(controller if name is None else name)
     check_folder(output, force)

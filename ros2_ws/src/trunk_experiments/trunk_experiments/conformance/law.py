@@ -509,7 +509,7 @@ def linearises(law: Law) -> Iterator[Finding]:
 
 def exports(law: Law) -> Iterator[Finding]:
     """Note what the translator to C refuses: its function, line and expression, and what to write instead."""
-    from ..export_c.exported_controller import ExportedController
+    from ..export_c.library import ExportedController
 
     try:
         ExportedController(law, law.config())
