@@ -15,8 +15,7 @@ from trunk_control.decide import decide
 from trunk_control.law import ControllerConfig
 from trunk_control.laws import law_named
 from trunk_core.c.program import real_literal
-from trunk_experiments.export_c.exported_controller import ExportedController
-from trunk_experiments.export_c.library import base_files
+from trunk_experiments.export_c.library import ExportedController, base_files
 from trunk_runs.nodes import CONTROLLERS
 
 from ...trunk_control.test.exported_laws import CHANGES, readings
