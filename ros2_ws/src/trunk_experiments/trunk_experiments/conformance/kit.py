@@ -46,7 +46,7 @@ class Finding(NamedTuple):
     problem: Annotated[str, Named("what"), "With the input that shows it"]
     advice: Annotated[str, "What to do"]
     note: Annotated[bool, "To know, not to mend"] = False
-    check: Annotated[str, OMITTED] = ""  # filled in by `Kit.findings_of`
+    check: Annotated[str, OMITTED] = ""  # whose it is; filled in by `Check.run`
 
     def line(self) -> str:
         """Return it as one line."""
@@ -59,7 +59,11 @@ class Check(Generic[Plugin]):
 
     name: str
     asserts: str
-    run: Callable[[Plugin], Iterator[Finding]]
+    finds: Callable[[Plugin], Iterator[Finding]]
+
+    def run(self, plugin: Plugin) -> Iterator[Finding]:
+        """Yield its findings on a plug-in."""
+        return (finding._replace(check=self.name) for finding in self.finds(plugin))
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,7 @@ class Kit(Generic[Plugin]):
         """
         plugin = self.named(name)
         try:
-            found = list(check.run(plugin))
+            return list(check.run(plugin))
         except Exception as error:
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             function = self.function(plugin)
@@ -87,8 +91,7 @@ class Kit(Generic[Plugin]):
             if lines:
                 where += f", line {lines[-1]}"
             advice = f"a {self.noun} never raises"
-            found = [Finding(where, f"raises {reason}", advice)]
-        return [finding._replace(check=check.name) for finding in found]
+            return [Finding(where, f"raises {reason}", advice, check=check.name)]
 
     def conformance(
         self, name: str, checks: Sequence[Check[Plugin]] | None = None
