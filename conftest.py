@@ -145,6 +145,7 @@ def trunk(
     # What it changes in its process, and this one goes on.
     for name in ("MPLBACKEND", "MATPLOTLIBRC", "SOURCE_DATE_EPOCH"):
         monkeypatch.setenv(name, os.environ.get(name, ""))
+    monkeypatch.delenv("SOURCE_DATE_EPOCH")  # NumPy's f2py takes an empty one for a date
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
 
     def run(*words: object) -> tuple[int, str, str]:

@@ -19,7 +19,6 @@ from trunk_core.parameters.declarations import changed
 from trunk_runs.loop import states_of
 from trunk_runs.plan import RunPlan, make_plan
 from trunk_studies.batch.block import Lanes, Maker, Outcomes
-from trunk_studies.batch.compiled_run import Batch
 from trunk_studies.batch.cuda import CudaDevice
 from trunk_studies.batch.kernel import OnDevice
 from trunk_studies.batch.varied import Varied
@@ -39,7 +38,7 @@ def compare(rounds: int = 3) -> list[Row]:
     steps = (states_of(plan) - 1) * plan.simulator.substeps
     cores = len(os.sched_getaffinity(0))
     works: dict[str, tuple[int, Callable[[], object]]] = {
-        "card": (ON_CARD * steps, partial(made, OnDevice(device, Batch()), ON_CARD))
+        "card": (ON_CARD * steps, partial(made, OnDevice(device), ON_CARD))
     }
     try:
         works["MJX"] = IN_MJX * _MJX_STEPS, _mjx(plan)
@@ -79,7 +78,7 @@ def made(maker: Maker, runs: int) -> Outcomes:
 
 def in_lanes(runs: int) -> None:
     """Make the runs in this process's lanes."""
-    made(Lanes(Batch()), runs)
+    made(Lanes(), runs)
 
 
 def _mjx(plan: RunPlan) -> Callable[[], object]:

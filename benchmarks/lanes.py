@@ -18,7 +18,6 @@ from trunk_core.parameters.declarations import changed
 from trunk_runs.nodes import CONTROLLERS
 from trunk_runs.plan import RunPlan, make_plan
 from trunk_studies.batch.block import regular_run, run_block, summaries, summary_of
-from trunk_studies.batch.compiled_run import Batch
 from trunk_studies.batch.lanes import LANES
 from trunk_studies.batch.workers import worker_pool
 from trunk_studies.rows import make_bases, plan_of
@@ -50,12 +49,11 @@ vary:
 
 def compare(rounds: int = 3) -> list[Row]:
     """Compare compiled runs in lanes and alone, a whole sweep and its loops, one core and two."""
-    batch = Batch()
     return [
-        *(lanes_row(name, batch, rounds) for name in CONTROLLERS),
-        size_row(batch, rounds),
-        growth_row(batch, rounds),
-        whole_row(batch, rounds),
+        *(lanes_row(name, rounds) for name in CONTROLLERS),
+        size_row(rounds),
+        growth_row(rounds),
+        whole_row(rounds),
         cores_row(bench_plan(), rounds),
     ]
 
@@ -74,37 +72,35 @@ def varied(plan: RunPlan, count: int) -> list[RunPlan]:
     ]
 
 
-def lanes_row(controller: str, batch: Batch, rounds: int) -> Row:
+def lanes_row(controller: str, rounds: int) -> Row:
     """Return how much faster a run in lanes is than one alone, both in compiled code, metrics included."""
     plans = varied(bench_plan(controller), FEW)
-    summaries(plans, batch)
-    summary_of(plans[0], batch)
+    summaries(plans)
+    summary_of(plans[0])
     lanes, alone = alternately(
         rounds,
         FEW,
-        lambda: summaries(plans, batch),
-        lambda: [summary_of(plan, batch) for plan in plans],
+        lambda: summaries(plans),
+        lambda: [summary_of(plan) for plan in plans],
     )
     name = f"{law_named(controller).label}: compiled run alone (theirs) / in lanes (ours)"
     return Row.of(name, lanes, alone, "ms", at_least=LANES_GOAL, inverse=True)
 
 
-def size_row(batch: Batch, rounds: int) -> Row:
+def size_row(rounds: int) -> Row:
     """Return the cost of a run in lanes with the largest rule base over that with the default one."""
     plan = bench_plan()
     shared = {f.name: getattr(plan.controller, f.name) for f in fields(ControllerConfig)}
     few = varied(plan, FEW)
     large = varied(plan.with_controller(replace(large_rules(), **shared)), FEW)
     for plans in (few, large):
-        summaries(plans, batch)
-    ours, theirs = alternately(
-        rounds, FEW, lambda: summaries(large, batch), lambda: summaries(few, batch)
-    )
+        summaries(plans)
+    ours, theirs = alternately(rounds, FEW, lambda: summaries(large), lambda: summaries(few))
     name = "a run in lanes with 64 x 64 rules (ours) / with 7 x 7 (theirs)"
     return Row.of(name, ours, theirs, "ms")
 
 
-def whole_row(batch: Batch, rounds: int) -> Row:
+def whole_row(rounds: int) -> Row:
     """Return a sweep's time, plans, metrics and table included, over that of its bare loops."""
     study = parse_study(_STUDY.format(runs=MANY), "the benchmark's study")
     bases = make_bases(study)
@@ -125,10 +121,10 @@ def whole_row(batch: Batch, rounds: int) -> Row:
     return Row.of(name, whole, bare, "ms", at_most=WHOLE_GOAL)
 
 
-def growth_row(batch: Batch, rounds: int) -> Row:
+def growth_row(rounds: int) -> Row:
     """Return the cost of a run among many over that among few."""
     few, many = varied(bench_plan(), FEW), varied(bench_plan(), MANY)
-    works = lambda: summaries(few, batch), lambda: summaries(many, batch)
+    works = lambda: summaries(few), lambda: summaries(many)
     few_s, many_s = alternately(rounds, 1, *works)
     few_s, many_s = [s / FEW for s in few_s], [s / MANY for s in many_s]
     name = f"cost of one run among {MANY} (ours) / among {FEW} (theirs)"
@@ -158,7 +154,7 @@ def _warm_up(pool: Executor, plan: RunPlan, count: int) -> None:
 
 
 def _warm(plan: RunPlan) -> int:
-    _runs(Batch(), plan, 1)
+    _runs(plan, 1)
     sleep(0.05)  # leaves work to the other process
     return os.getpid()
 
@@ -172,8 +168,8 @@ def _pool_time(pool: Executor, plan: RunPlan, count: int, runs: int) -> float:
 
 
 def _pool_runs(plan: RunPlan, runs: int) -> None:
-    _runs(Batch(), plan, runs)
+    _runs(plan, runs)
 
 
-def _runs(batch: Batch, plan: RunPlan, runs: int) -> None:
-    summaries(varied(plan, runs), batch)
+def _runs(plan: RunPlan, runs: int) -> None:
+    summaries(varied(plan, runs))

@@ -20,7 +20,7 @@ from trunk_control.pid_family import PidState
 from trunk_core.parameters.declarations import changed
 from trunk_runs.plan import RunPlan
 from trunk_studies.batch.block import summaries
-from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.compiled_run import run_compiled
 
 from .harness import BenchError, Row, library, timed
 from .lanes import FEW, bench_plan, varied
@@ -61,12 +61,12 @@ def compare(rounds: int = 3) -> list[Row]:
     mujoco = library("mujoco", "MuJoCo", "--no-deps -r requirements/bench.txt")
     library("skfuzzy", *_SCIKIT)
     check_mujoco(mujoco)
-    plan, batch = bench_plan(), Batch()
+    plan = bench_plan()
     few = varied(plan, FEW)
-    summaries(few, batch)
+    summaries(few)
     scikit_step = _scikit_loop(plan)
     contenders: dict[str, Callable[[], float]] = {
-        "ours": lambda: timed(partial(summaries, few, batch)) / FEW,
+        "ours": lambda: timed(partial(summaries, few)) / FEW,
         "mujoco": lambda: timed(partial(mujoco_run, mujoco, plan, "RK4", _STEPS)),
         "euler": lambda: timed(partial(mujoco_run, mujoco, plan, "Euler", _STEPS)),
         "scikit": lambda: timed(scikit_step) / _SCIKIT_STEPS * _STEPS,
@@ -94,7 +94,7 @@ def check_mujoco(mujoco: Any) -> None:
     flat = replace(
         plan, simulator=changed(plan.simulator, {"path.amplitude": 0.0, "duration": 1.0})
     )
-    ours = float(Batch().run(flat).table.theta[-1])
+    ours = float(run_compiled(flat).table.theta[-1])
     theirs = mujoco_run(mujoco, flat, "RK4", 1000)
     if not abs(theirs - ours) <= MUJOCO_TOLERANCE:
         raise BenchError(f"after 1 s MuJoCo's trunk is at {theirs!r} rad, ours at {ours!r}")

@@ -19,7 +19,7 @@ from trunk_sim.plants import cart_pole as module
 
 def parameters() -> str:
     """Return a table of each node's parameters."""
-    tables = ((name, params.markdown_table(params.markdown_rows(name).values())) for name in NODES)
+    tables = ((name, params.markdown(name)) for name in NODES)
     return "\n\n".join(f"### {name}\n\n{table}" for name, table in tables)
 
 

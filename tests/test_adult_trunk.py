@@ -6,7 +6,7 @@ import pytest
 from ros2_ws.src.trunk_runs.test.stepwise import steps
 
 from trunk_runs.plan import make_plan
-from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.compiled_run import run_compiled
 from trunk_studies.tuning.linear import linearise
 from trunk_studies.tuning.methods import by_lqr, by_poles
 
@@ -44,7 +44,7 @@ def test_the_model_of_computed_torque_is_the_plant():
     "controller", ["pid", pytest.param("fuzzy_pid", marks=pytest.mark.one_in(8)), "lqr"]
 )
 def test_every_controller_walks_upright(controller):
-    outcome = Batch().run(make_plan("fig6", controller, FILES)) if controller != "lqr" else None
+    outcome = run_compiled(make_plan("fig6", controller, FILES)) if controller != "lqr" else None
     if outcome is None:
         plan = make_plan("fig6", controller, FILES, everywhere={"duration": 2.0})
         angle = max(abs(step.truth.position[1]) for step in steps(plan))

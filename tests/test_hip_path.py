@@ -9,7 +9,6 @@ from ros2_ws.src.trunk_runs.test.stepwise import steps
 import trunk_experiments.api as trunk
 from trunk_runs.plan import make_plan
 from trunk_studies.batch.block import key_of, regular_run, summaries, summary_of
-from trunk_studies.batch.compiled_run import Batch
 from trunk_studies.batch.lanes import LANES
 from trunk_studies.tuning.floquet import floquet
 
@@ -20,11 +19,6 @@ GAIT = [
     "simulator.path.sines=[-0.003, 0.02]",
 ]
 MODEL = [one.replace("simulator.path.", "computed_torque.model.path_") for one in GAIT]
-
-
-@pytest.fixture(scope="module")
-def batch():
-    return Batch()
 
 
 def walk(controller="pid", *settings, duration=0.4):
@@ -54,7 +48,7 @@ def test_a_path_moves_the_trunk():
 
 @pytest.mark.one_in(4)
 @pytest.mark.slow
-def test_runs_share_blocks_by_their_number_of_harmonics(batch):
+def test_runs_share_blocks_by_their_number_of_harmonics():
     paths = [(0.01,), (0.01, 0.02), (), (0.01, 0.02, 0.0)]
     plans = [
         replace(
@@ -66,8 +60,8 @@ def test_runs_share_blocks_by_their_number_of_harmonics(batch):
     assert len({key_of(regular_run(plan)) for plan in plans}) == 3, (
         "a zero at the end is not a harmonic"
     )
-    found = summaries(plans, batch)
-    assert found == [summary_of(plan, batch) for plan in plans]
+    found = summaries(plans)
+    assert found == [summary_of(plan) for plan in plans]
     assert len(set(found)) == len(found)
 
 

@@ -18,8 +18,12 @@ from ros2_ws.src.trunk_control.test.exported_laws import CHANGES, readings
 from trunk_control.controller import Controller
 from trunk_control.law import ControllerConfig, Law
 from trunk_control.laws import law_named
-from trunk_experiments.export_c.exported_controller import ExportedController, ExportedStep
-from trunk_experiments.export_c.library import base_files, fill_from_bytes
+from trunk_experiments.export_c.library import (
+    ExportedController,
+    ExportedStep,
+    base_files,
+    fill_from_bytes,
+)
 from trunk_runs.nodes import CONTROLLERS
 
 from ..finished import finished

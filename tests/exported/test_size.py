@@ -8,8 +8,7 @@ from functools import cache
 import pytest
 
 from trunk_control.laws import law_named
-from trunk_experiments.export_c.exported_controller import ExportedController
-from trunk_experiments.export_c.library import header, source
+from trunk_experiments.export_c.library import ExportedController, header, source
 from trunk_runs.nodes import CONTROLLERS
 
 from ..finished import finished

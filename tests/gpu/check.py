@@ -26,7 +26,6 @@ from ros2_ws.src.trunk_studies.test.cpp_device import CppDevice
 from trunk_core.parameters.declarations import changed, declarations, values_of
 from trunk_runs.plan import RunPlan
 from trunk_studies.batch.block import Lanes, Maker, Outcomes, make_runs
-from trunk_studies.batch.compiled_run import Batch
 from trunk_studies.batch.cuda import CudaDevice
 from trunk_studies.batch.kernel import OnDevice
 from trunk_studies.batch.varied import Rows, Varied, each_run
@@ -96,7 +95,7 @@ def outcomes(maker: Maker, index: int, runs: int) -> Outcomes:
 
 def in_lanes(given: tuple[int, int]) -> tuple[int, Outcomes]:
     """Return a study's number and its outcomes on the CPU."""
-    return given[0], outcomes(Lanes(Batch()), *given)
+    return given[0], outcomes(Lanes(), *given)
 
 
 def differing(a: Outcomes, b: Outcomes) -> int:
@@ -142,7 +141,7 @@ def main(studies: int, runs: int, cpp: bool) -> None:
         for words, device in devices(Path(folder), cpp):
             begun, left, differ, texts = time.perf_counter(), Counter[str](), 0, set[str]()
             for index in range(studies):
-                maker = OnDevice(device, Batch())
+                maker = OnDevice(device)
                 differ += differing(outcomes(maker, index, runs), lanes[index])
                 left += maker.left
             texts |= set(device.texts)
@@ -161,7 +160,7 @@ def main(studies: int, runs: int, cpp: bool) -> None:
 def timed() -> None:
     """Print the seconds of a million runs, on the card alone and from the study to the file."""
     device = CudaDevice()
-    maker = OnDevice(device, Batch())
+    maker = OnDevice(device)
     with tempfile.TemporaryDirectory() as folder:
         job = SweepJob(parse_study(_MILLION, "million"), Path(folder) / "million.parquet")
         begun = time.perf_counter()

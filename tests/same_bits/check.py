@@ -24,7 +24,6 @@ from trunk_core.errors import PlanError
 from trunk_experiments.conformance.kit import first_difference
 from trunk_runs.nodes import CONTROLLERS
 from trunk_runs.plan import RunPlan, make_plan
-from trunk_studies.batch.compiled_run import Batch
 
 from ..tampering.graph_runs import for_graph
 from .paths import IN_ONE_PROCESS, PATHS, differences, reference
@@ -77,7 +76,7 @@ def tried(
         run = reference(plan, folder)
     except PlanError:  # which compiled code must refuse with the same words
         taken["refused"] += 1
-        yield from filter(None, [first_difference(plan, Batch())])
+        yield from filter(None, [first_difference(plan)])
         return
     for path in paths:
         if not run.recording.complete and path not in ("compiled", "batch", "kernel", "c"):

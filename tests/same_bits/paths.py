@@ -31,7 +31,7 @@ from trunk_runs.plan import RunPlan
 from trunk_runs.run_files import RunFiles
 from trunk_sim.simulation import DivergedError
 from trunk_studies.batch.block import RunSummary, summary_of
-from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.compiled_run import run_compiled
 from trunk_studies.batch.kernel import fitted
 
 from ..exported.loops import table_in_c
@@ -105,8 +105,8 @@ def branched_at(run: RecordedRun, branch: Branch, path: Path) -> RecordedRun:
 
 def _batch(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[Made]:
     """In one compiled call."""
-    yield vars(Batch().run(plan).table)
-    yield summary_of(plan, Batch())
+    yield vars(run_compiled(plan).table)
+    yield summary_of(plan)
 
 
 def _lanes(plan: RunPlan, run: RecordedRun, folder: Path, seed: int) -> Iterator[Made]:

@@ -27,16 +27,10 @@ from trunk_runs.timeline import Change
 from trunk_sim.plants.trunk import passive
 from trunk_sim.step import Dynamics, on_second, saturate
 from trunk_studies.batch import compiled_run
-from trunk_studies.batch.compiled_run import Batch, start_of_loop
+from trunk_studies.batch.compiled_run import run_compiled, start_of_loop
 
 from ...trunk_runs.test.random_plans import random_plan
 from ...trunk_runs.test.stepwise import steps
-
-
-@pytest.fixture(scope="module")
-def batch():
-    return Batch()
-
 
 # Names, and what decides how the graph waits and when nodes act (turns are drawn as swaps).
 # The reference is for controllers in the graph that are not ours.
@@ -63,7 +57,7 @@ def test_every_parameter_is_drawn():
     assert any(plan.simulator.equations == "as_printed" for plan in plans)
 
 
-def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
+def test_the_comparison_detects_one_changed_bit(monkeypatch):
     plan = make_plan("fig8", "pid", everywhere={"duration": 0.1})
     loop = compiled_run.compiled_loop(tuple(plan.controllers), plan.simulator.dynamics)
 
@@ -73,14 +67,14 @@ def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
         return result
 
     monkeypatch.setattr(compiled_run, "compiled_loop", lambda *given: off)
-    assert "step 7: theta is" in first_difference(plan, batch)
+    assert "step 7: theta is" in first_difference(plan)
 
 
 @pytest.mark.slow
 @pytest.mark.one_in(8)
-def test_the_same_loop_runs_in_cpython(batch):
+def test_the_same_loop_runs_in_cpython():
     plan = make_plan("fig8", "pid", everywhere={"duration": 0.05}, swaps=[Swap(0.02, "lqr")])
-    expected = batch.run(plan).table
+    expected = run_compiled(plan).table
     out = np.empty((compiled_run.ROWS, len(expected.t)))
     laws = (law_named(name) for name in plan.controllers)
     loop = compiled_run.loop_of(*laws, dynamics=Dynamics(on_second, passive))
@@ -97,16 +91,16 @@ def test_a_controller_at_half_the_plants_rate_answers_every_second_state():
     assert [step.answer.updated for step in steps(plan)] == [k % 2 == 0 for k in range(36)]
 
 
-def test_what_a_compiled_loop_cannot_model_is_refused_by_name(batch):
+def test_what_a_compiled_loop_cannot_model_is_refused_by_name():
     plan = make_plan("fig6", "pid")
     with pytest.raises(PlanError, match="duration is 0"):
-        batch.run(replace(plan, simulator=replace(plan.simulator, duration=0.0)))
+        run_compiled(replace(plan, simulator=replace(plan.simulator, duration=0.0)))
     with pytest.raises(PlanError, match=r"pid: reference\.profile is 'topic', but nobody"):
-        batch.run(plan.with_controller(replace(plan.controller, reference_profile="topic")))
+        run_compiled(plan.with_controller(replace(plan.controller, reference_profile="topic")))
     with pytest.raises(PlanError, match="simulator: parameters and turns that change by hand"):
-        batch.run(replace(plan, changes={"simulator": [Change(5, {"plant.length": 2.0})]}))
+        run_compiled(replace(plan, changes={"simulator": [Change(5, {"plant.length": 2.0})]}))
     with pytest.raises(PlanError, match=r"active\.times: no controller would act at t = 0 s"):
-        batch.run(plan.with_controller(replace(plan.controller, active_times=(1.0,))))
+        run_compiled(plan.with_controller(replace(plan.controller, active_times=(1.0,))))
 
 
 @pytest.mark.parametrize("compiled", [False, True])

@@ -15,8 +15,7 @@ from trunk_control.decide import decide
 from trunk_control.law import ControllerConfig
 from trunk_control.laws import law_named
 from trunk_core.c.program import real_literal
-from trunk_experiments.export_c.exported_controller import ExportedController
-from trunk_experiments.export_c.library import base_files, swinging_rows
+from trunk_experiments.export_c.library import ExportedController, base_files
 from trunk_runs.nodes import CONTROLLERS
 
 from ...trunk_control.test.exported_laws import CHANGES, readings
@@ -55,7 +54,7 @@ def test_decide_gives_cpythons_bits(name):
 
 def written(exported, folder):
     """Write an exported controller's files; return its sources."""
-    for name, text in base_files(exported, swinging_rows(exported, 200)).items():
+    for name, text in base_files(exported, exported.answers(200)).items():
         (folder / name).write_bytes(text)
     return [folder / f"{exported.name}.c", folder / "replay.c"]
 
@@ -347,7 +346,7 @@ def test_parameters_that_may_change_are_numbers_of_the_constants():
 def test_the_text_says_where_it_comes_from():
     config = LAWS["fuzzy_pid"].config()
     exported = ExportedController(LAWS["fuzzy_pid"], config)
-    text = base_files(exported, swinging_rows(exported, 2))["fuzzy_pid.c"].decode()
+    text = base_files(exported, exported.answers(2))["fuzzy_pid.c"].decode()
     for piece in (
         f"parameters  {exported.digest}",
         f"sources     {exported.fingerprint}",

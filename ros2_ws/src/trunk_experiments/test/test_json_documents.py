@@ -7,7 +7,7 @@ import pytest
 
 from trunk_evidence.run_metrics import Metrics
 from trunk_experiments.lab.webassembly import missing_tools
-from trunk_studies.paper import reproduction, reproduction_report
+from trunk_studies.paper import reproduction
 from trunk_studies.paper.claims import PaperRun, cases
 from trunk_studies.paper.errata import ERRATA
 
@@ -97,9 +97,7 @@ CASES = [
 @pytest.fixture
 def short(monkeypatch):
     """Make the paper as short as possible: it has its own tests."""
-    monkeypatch.setattr(
-        reproduction_report, "_figure", lambda figure, folder: "data:image/png;base64,AA"
-    )
+    monkeypatch.setattr(reproduction, "_figure", lambda figure, folder: "data:image/png;base64,AA")
     monkeypatch.setattr(reproduction, "reproduce", lambda folder, graph, say: reproduced())
 
 

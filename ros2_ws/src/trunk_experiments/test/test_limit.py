@@ -41,7 +41,7 @@ class PlanAt(NamedTuple):
 def stands_below(*spans):
     """Return summaries of runs that stand where their plan's value is in one of the spans."""
 
-    def summaries(plans, batch):
+    def summaries(plans):
         good = ((low <= plan.value <= high for low, high in spans) for plan in plans)
         return [RunSummary(object(), fell=not any(inside)) for inside in good]
 
@@ -109,9 +109,7 @@ def test_what_stands_beyond_the_first_fall_is_not_the_limit(monkeypatch):
 
 
 def test_the_answer_says_what_the_push_is(command_says, monkeypatch):
-    monkeypatch.setattr(
-        robustness, "summaries", lambda plans, batch: [RunSummary(None) for _ in plans]
-    )
+    monkeypatch.setattr(robustness, "summaries", lambda plans: [RunSummary(None) for _ in plans])
     code, out, err = command_says(*PUSH, "--controller", "pid")
     assert (code, "trunk: runs: 100 %" in err) == (0, True)
     assert "pulses: on trunk_effort, for 0.1 s each, from t = 1, 5 s" in out
@@ -144,7 +142,7 @@ def test_either_end_may_be_the_one_without_a_disturbance(command_says, monkeypat
         assert (row["stands"], row["falls"]) == (None, -300.0)
 
 
-def stands_magnitudes(plans, batch):
+def stands_magnitudes(plans):
     """Return summaries of runs that stand pulses and pushes of up to 100 N m."""
     magnitudes = [
         0.0
@@ -152,13 +150,11 @@ def stands_magnitudes(plans, batch):
         else plan.disturbance.pulse_magnitude + sum(plan.disturbance.table_values)
         for plan in plans
     ]
-    return stands_below((-100.0, 100.0))(list(map(PlanAt, magnitudes)), batch)
+    return stands_below((-100.0, 100.0))(list(map(PlanAt, magnitudes)))
 
 
 def test_the_push_is_one_besides_the_scenario_s(command_says, monkeypatch):
-    monkeypatch.setattr(
-        robustness, "summaries", lambda plans, batch: [RunSummary(None) for _ in plans]
-    )
+    monkeypatch.setattr(robustness, "summaries", lambda plans: [RunSummary(None) for _ in plans])
     words = ("limit", "demo", "--push", "hip_effort=50ms@3", "--to", "1kN", "--controller", "pid")
     code, out, _ = command_says(*words)
     assert code == 0

@@ -16,7 +16,7 @@ from trunk_experiments.cli import trunk
 from trunk_runs.plan import make_plan
 from trunk_sim.config import TrunkSimulator
 from trunk_sim.plants.trunk import passive, prescribed
-from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.compiled_run import run_compiled
 from trunk_studies.tuning.floquet import floquet
 from trunk_studies.tuning.linear import LinearLoop, linearise, loop_of
 from trunk_studies.tuning.methods import by_poles
@@ -182,7 +182,7 @@ def test_a_simulation_confirms_the_largest_delay(gains, h, mode):
         plan = make_plan(
             "fig6", "pid", [], settings_, {"update_rate": 1.0 / h, "duration": 4 * periods * h}
         )
-        angles = np.abs(Batch().run(plan).table.theta)
+        angles = np.abs(run_compiled(plan).table.theta)
         quarter = len(angles) // 4
         assert (np.max(angles[-quarter:]) < np.max(angles[quarter : 2 * quarter])) == dies
 

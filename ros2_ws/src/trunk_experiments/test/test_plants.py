@@ -30,7 +30,7 @@ from trunk_runs.offline_recording import record_offline
 from trunk_runs.plan import make_plan
 from trunk_sim.config import TrunkSimulator
 from trunk_sim.plant import PLANTS, Coordinate, PlantConfig
-from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.compiled_run import run_compiled
 from trunk_studies.batch.kernel import kernel_of, start_of_run, words_of
 from trunk_studies.study import parse_study
 from trunk_studies.tuning.floquet import prepared
@@ -111,7 +111,7 @@ def test_the_picture_is_the_plants(tmp_path, recorded):
     ],
 )
 def test_all_engines_give_the_same_bits(controller, settings):
-    assert first_difference(planned(controller, *settings), Batch()) is None
+    assert first_difference(planned(controller, *settings)) is None
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C++ compiler: apt-get install g++")
@@ -122,7 +122,7 @@ def test_a_kernels_text_gives_them_too(tmp_path):
     outcomes = CppDevice(tmp_path).run(kernel, words_of(kernel, [(start, 1)]))
     from trunk_studies.batch.block import summary_of
 
-    assert bits(summary_in(outcomes, 0)) == bits(summary_of(plan, Batch()))
+    assert bits(summary_in(outcomes, 0)) == bits(summary_of(plan))
 
 
 def test_a_recording_verifies_and_names_its_plant(recorded):
@@ -136,7 +136,7 @@ def test_a_recording_verifies_and_names_its_plant(recorded):
 
 
 def test_a_controller_moves_the_cart_and_not_the_pole():
-    table = Batch().run(planned("pid", "simulator.initial.position=[0, 0]", *PUSHED[:3])).table
+    table = run_compiled(planned("pid", "simulator.initial.position=[0, 0]", *PUSHED[:3])).table
     pushed = table.x_dot[table.t > 0.6]
     assert pushed.min() > 0.1
     assert np.abs(table.theta).max() > 0.0

@@ -13,7 +13,6 @@ from trunk_experiments.conformance.kit import first_difference
 from trunk_runs.offline_recording import record_offline
 from trunk_runs.plan import make_plan
 from trunk_studies.batch.block import regular_run, run_block, summary_of
-from trunk_studies.batch.compiled_run import Batch
 from trunk_studies.batch.lanes import LANES
 from trunk_views.run_report import make_report, render
 from trunk_views.run_view import RunView
@@ -30,26 +29,21 @@ def plan_of(law, size, **more):
     return plan.with_controller(build(type(plan.controller), values))
 
 
-@pytest.fixture(scope="module")
-def batch():
-    return Batch()
-
-
 @pytest.mark.one_in(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["fuzzy_pid", "fuzzy"])
-def test_compiled_code_and_lanes_have_cpythons_bits(law, batch):
+def test_compiled_code_and_lanes_have_cpythons_bits(law):
     """One compilation for all sizes: tables are arrays to compiled code."""
     form = {"fuzzy.form": "pi"} if law == "fuzzy" else {"fuzzy.consequents": "log"}
     plans = [plan_of(law, size) for size in SIZES] + [plan_of(law, (4, 6), **form)]
-    assert [first_difference(plan, batch) for plan in plans] == [None] * len(plans)
+    assert [first_difference(plan) for plan in plans] == [None] * len(plans)
     for plan in plans:
         runs = [
             replace(plan, simulator=replace(plan.simulator, trunk_mass=0.4 + 0.01 * i))
             for i in range(LANES)
         ]
         lanes = run_block(law, [regular_run(run) for run in runs])
-        assert lanes == [summary_of(run, batch) for run in runs]
+        assert lanes == [summary_of(run) for run in runs]
 
 
 @pytest.mark.slow

@@ -52,7 +52,7 @@ def swept(tmp_path_factory):
 
 def test_the_smallest_angle_keeps_its_sign(swept):
     results = Results.read(swept)
-    (found, _) = distributions(results, ("theta_min_deg",))["theta_min_deg"]
+    (found, _) = distributions(results)["theta_min_deg"]
     stood = results.of(found.controller).only(results.of(found.controller).fallen == 0.0)
     assert found.histogram.edges[0] == min(stood.column("theta_min_deg")) < 0.0
 

@@ -19,7 +19,7 @@ from trunk_runs.live_parameters import class_of, planned_names, with_numbers
 from trunk_runs.nodes import NODES
 from trunk_runs.plan import make_plan
 from trunk_sim.disturbance_config import DisturbanceConfig
-from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.compiled_run import run_compiled
 from trunk_studies.rows import make_bases, plan_of
 from trunk_studies.study import design, read_study
 
@@ -202,7 +202,7 @@ def test_only_plain_angles_of_more_than_a_turn_are_doubted(here):
 def test_tables_are_interpolated_or_held(how, profile):
     settings = [*OF_REFERENCE, *OF_PUSH, *RANDOM, f"disturbance.table.interpolation={how}"]
     plan = planned([*settings, f"pid.reference.profile={profile}"])
-    table = Batch().run(plan).table
+    table = run_compiled(plan).table
     found = len({*table.reference.tolist()})
     assert found > 100 if how == "linear" else found == 3
 

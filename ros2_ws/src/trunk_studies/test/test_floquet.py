@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trunk_runs.plan import RunPlan, make_plan
-from trunk_studies.batch.compiled_run import Batch
+from trunk_studies.batch.compiled_run import run_compiled
 from trunk_studies.tuning.floquet import floquet
 
 WALK = [
@@ -72,7 +72,7 @@ LONG = (
 )
 def test_small_errors_grow_as_the_multipliers_say(controller, settings):
     made = plan(controller, *settings)
-    table = Batch().run(made).table
+    table = run_compiled(made).table
     log_size = np.log(np.hypot(table.theta, table.theta_dot / 20.0))
     window = int(0.4 * made.simulator.update_rate)  # s: longer than half an oscillation
     peaks = log_size[: len(log_size) // window * window].reshape(-1, window).max(axis=1)

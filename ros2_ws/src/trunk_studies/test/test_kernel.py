@@ -16,7 +16,6 @@ from trunk_runs.nodes import CONTROLLERS
 from trunk_runs.plan import make_plan
 from trunk_studies.batch import kernel as kernel_module
 from trunk_studies.batch.block import summary_of
-from trunk_studies.batch.compiled_run import Batch
 from trunk_studies.batch.kernel import (
     SOUND,
     UNSOUND,
@@ -34,11 +33,6 @@ from .cpp_device import COMPILER, FLAGS, CppDevice, kernel_and_words, summary_in
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C++ compiler: apt-get install g++")
 OUR_LAWS = ("pid", "fuzzy_pid", "lqr", "computed_torque", "fuzzy", "state_feedback")
 FUSED = ("-ffp-contract=fast", "-mfma")
-
-
-@pytest.fixture(scope="module")
-def batch():
-    return Batch()
 
 
 @pytest.fixture(scope="module")
@@ -63,11 +57,11 @@ def bits(summary):
     return [None if number is None else pack("<d", number) for number in every]
 
 
-def differences(plans, outcomes, batch):
+def differences(plans, outcomes):
     """Return the scenarios whose run is not the CPU's, and how many there are of each fate."""
     wrong, fates = [], Counter()
     for i, plan in enumerate(plans):
-        expected, computed = summary_of(plan, batch), summary_in(outcomes, i)
+        expected, computed = summary_of(plan), summary_in(outcomes, i)
         fates[int(outcomes.fates[i])] += 1
         if computed is None and expected.refused:
             continue
@@ -93,9 +87,9 @@ def drawn():
 @pytest.mark.slow
 @pytest.mark.one_in(10)
 @pytest.mark.parametrize("share", range(10))
-def test_random_plans_give_the_bits_of_the_cpu(share, device, batch):
+def test_random_plans_give_the_bits_of_the_cpu(share, device):
     for plans in by_kernel(range(150 + share, 450, 10)).values():
-        wrong, _ = differences(plans, device.run(*kernel_and_words(plans)), batch)
+        wrong, _ = differences(plans, device.run(*kernel_and_words(plans)))
         assert not wrong
 
 
@@ -111,7 +105,7 @@ def test_a_law_has_a_text_for_all_its_plans(drawn):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_long_runs_have_a_steady_state(name, device, batch):
+def test_long_runs_have_a_steady_state(name, device):
     """Runs that a fall ends have another: when it begins follows from where they end."""
     settings = [*DISTURBED, "simulator.fall.stop=true", "simulator.fall.angle=1.2"]
     plans = several(name, settings, duration=4.0)
@@ -125,23 +119,23 @@ def test_long_runs_have_a_steady_state(name, device, batch):
         for i, plan in enumerate(plans)
     ]
     outcomes = device.run(*kernel_and_words(plans))
-    wrong, _ = differences(plans, outcomes, batch)
+    wrong, _ = differences(plans, outcomes)
     assert not wrong
     lengths = set(outcomes.states[np.isfinite(outcomes.metrics[2])].tolist())
     assert 2001 in lengths
     assert len(lengths) > 1, "falls after more than two seconds"
 
 
-def test_metrics_beyond_the_numbers_are_left_to_the_cpu(device, batch):
+def test_metrics_beyond_the_numbers_are_left_to_the_cpu(device):
     plans = several("pid", ["simulator.max_effort=50.0"], count=4)
     large = replace(plans[2].controller, reference_profile="constant", reference_value=1e200)
     plans[2] = replace(plans[2], controllers={"pid": large})
     outcomes = device.run(*kernel_and_words(plans))
-    wrong, fates = differences(plans, outcomes, batch)
+    wrong, fates = differences(plans, outcomes)
     assert not wrong
     assert fates == {SOUND: 3, UNSOUND: 1}
     assert summary_in(outcomes, 2) is None
-    assert summary_of(plans[2], batch).refused
+    assert summary_of(plans[2]).refused
 
 
 # Columns --------------------------------------------------------------------------------------------------
@@ -164,7 +158,7 @@ def stacked(values):
 
 
 @pytest.mark.parametrize("name", ["pid", "fuzzy_pid"])
-def test_columns_are_as_good_as_single_plans(name, device, batch):
+def test_columns_are_as_good_as_single_plans(name, device):
     plans = several(name, DISTURBED)
     kernel, words = kernel_and_words(plans)
     start = stacked([start_of_run(plan) for plan in plans])
@@ -182,7 +176,7 @@ def test_columns_are_as_good_as_single_plans(name, device, batch):
         ],
     )
     expected = device.run(kernel, words)
-    wrong, _ = differences(plans, expected, batch)
+    wrong, _ = differences(plans, expected)
     assert not wrong
     for other in (joined, mixed):
         outcomes = device.run(kernel, other)
@@ -218,11 +212,11 @@ def test_whole_words_are_kept(device):
     assert words.own.tolist() == [[2**62 + 1, 2**62 + 2]]
 
 
-def test_a_thread_draws_the_noise_of_any_seed(device, batch):
+def test_a_thread_draws_the_noise_of_any_seed(device):
     (plan,) = several("pid", DISTURBED, count=1)
     seeds = [0, 1, 2**31 - 1, *np.random.default_rng(2).integers(0, 2**31, 20).tolist()]
     plans = [replace(plan, simulator=replace(plan.simulator, seed=seed)) for seed in seeds]
-    wrong, _ = differences(plans, device.run(*kernel_and_words(plans)), batch)
+    wrong, _ = differences(plans, device.run(*kernel_and_words(plans)))
     assert not wrong
 
 
@@ -290,20 +284,20 @@ def _fuses() -> bool:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not _fuses(), reason="this processor has no fused multiply-add")
-def test_a_fused_product_and_sum_is_noticed(tmp_path, batch):
+def test_a_fused_product_and_sum_is_noticed(tmp_path):
     plans = several("pid")
     outcomes = CppDevice(tmp_path, [*FLAGS, *FUSED]).run(*kernel_and_words(plans))
-    wrong, _ = differences(plans, outcomes, batch)
+    wrong, _ = differences(plans, outcomes)
     assert len(wrong) > 6
 
 
 @pytest.mark.slow
-def test_sums_in_another_order_are_noticed(device, batch):
+def test_sums_in_another_order_are_noticed(device):
     plans = several("pid")
     kernel, words = kernel_and_words(plans)
     other = r"iae = \2 * \3 + (\1 + \2 * \4)"
     text = re.sub(r"iae = (.*) \+ \((\w+) \* \((\w+) \+ (\w+)\)\)", other, kernel.text)
     assert text != kernel.text
     outcomes = device.run(Kernel(text, kernel.start), words)
-    wrong, _ = differences(plans, outcomes, batch)
+    wrong, _ = differences(plans, outcomes)
     assert len(wrong) > 6

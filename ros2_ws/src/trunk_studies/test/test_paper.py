@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from trunk_core.results import values as json_values
 from trunk_evidence.run_metrics import Metrics
 from trunk_evidence.run_table import RunTable
-from trunk_studies.paper import reproduction_report as paper_report
+from trunk_studies.paper import reproduction as paper_report
 from trunk_studies.paper.claims import (
     CLAIMS,
     NOT,
@@ -27,8 +27,7 @@ from trunk_studies.paper.claims import (
     undershoot,
 )
 from trunk_studies.paper.errata import ERRATA, plain, single_repairs
-from trunk_studies.paper.reproduction import Reproduction, paper_numbers
-from trunk_studies.paper.reproduction_report import formulas
+from trunk_studies.paper.reproduction import Reproduction, formulas, paper_numbers
 
 NAMES = [f.name for f in fields(Metrics)]
 

@@ -14,7 +14,7 @@ from trunk_studies import rows
 from trunk_studies.batch.block import summaries
 from trunk_studies.batch.varied import SplitError, Varied, by_path, each_run
 from trunk_studies.robustness import survival
-from trunk_studies.rows import make_bases, outcomes, plan_of, rows_of, shared_batch
+from trunk_studies.rows import make_bases, outcomes, plan_of, rows_of
 from trunk_studies.study import Target, design, parse_study
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -119,7 +119,7 @@ def each_alone(study, bases, columns):
     made = []
     for row in rows_of(columns):
         try:
-            (summary,) = summaries([plan_of(study, bases, row)], shared_batch())
+            (summary,) = summaries([plan_of(study, bases, row)])
         except (ParameterError, PlanError) as error:
             summary = str(error)
         made.append(summary)

@@ -14,12 +14,12 @@ import numpy as np
 from trunk_core.errors import PlanError, StudyError
 from trunk_core.results import Keyword, Result
 from trunk_core.units import seconds
+from trunk_runs.offline_recording import Progress
 from trunk_runs.plan import RunPlan
 from trunk_runs.timeline import Push
 from trunk_sim.plant import Plant
 
 from .batch.block import Maker, summaries
-from .batch.compiled_run import Batch
 from .batch.lanes import LANES
 from .rows import AT_ONCE, make_bases, outcomes
 from .statistics import wilson
@@ -27,8 +27,6 @@ from .study import StudySpec, Target, Variable, design
 
 PlanAt = Callable[[float], RunPlan]
 _FEW = 6  # start times in a line
-
-Progress = Callable[[int], None]  # takes the number of runs that were made
 
 
 class Limit(NamedTuple):
@@ -77,7 +75,7 @@ def most_runs(first: float, last: float, within: float) -> int:
 
 def find_limit(
     plan_at: PlanAt, first: float, last: float, within: float,
-    progress: Progress = lambda runs: None,
+    progress: Callable[[int], None] = lambda runs: None,
 ) -> Limit:  # fmt: skip
     """Return the last value on the way from ``first``, which stands, to ``last`` that stands, to ``within``.
 
@@ -87,12 +85,11 @@ def find_limit(
     stands and the first that falls. A fall need not be final: a stronger pulse may throw the trunk through to
     where it is caught, so what stands beyond is returned, too. Raises PlanError for a value that is refused.
     """
-    batch = Batch()
     tried: dict[float, bool] = {}
     values = np.linspace(first, last, LANES).tolist()
     while True:
         plans = [plan_at(value) for value in values]
-        for value, run in zip(values, summaries(plans, batch), strict=True):
+        for value, run in zip(values, summaries(plans), strict=True):
             if run.refused:
                 raise PlanError(f"{value:g}: {run.refused}")
             tried[value] = run.stood
@@ -210,7 +207,7 @@ def survival(
     study: StudySpec,
     target: Target,
     values: Sequence[float],
-    progress: Progress = lambda runs: None,
+    progress: Progress = lambda done, of: None,
     maker: Maker | None = None,
 ) -> Mapping[str, Survival]:
     """Return a survival curve for each controller of a study: every run of it, with each value.
@@ -229,7 +226,8 @@ def survival(
     counts: dict[str, dict[float, list[int]]] = {}
     at_once = study.block if maker is None else max(study.block, AT_ONCE)
     for first in range(0, varied.total, at_once):
-        columns = design(varied, first, min(first + at_once, varied.total))
+        last = min(first + at_once, varied.total)
+        columns = design(varied, first, last)
         ended = outcomes(varied, bases, columns, maker)
         if ended.refused:
             i = min(ended.refused)
@@ -241,7 +239,7 @@ def survival(
             count = counts.setdefault(label, {}).setdefault(value, [0, 0])
             count[0] += upright
             count[1] += 1
-        progress(len(columns["run"]))
+        progress(last, varied.total)
     curves = {}
     for controller, of_value in counts.items():
         points = tuple(SurvivalPoint(value, *wilson(*n)) for value, n in of_value.items())

@@ -11,7 +11,7 @@ import hashlib
 import json
 from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
-from functools import cache, partial
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,6 @@ from trunk_runs.plan import RunPlan, check_turns, make_plan
 from trunk_runs.scenario import parse_setting
 
 from .batch.block import Lanes, Maker, Outcomes, make_runs, wrong_duration
-from .batch.compiled_run import Batch
 from .batch.varied import Rows, Varied
 from .study import ContenderSpec, Scalar, StudySpec, Target, Variable, chosen_values, drawn_values
 
@@ -96,7 +95,7 @@ def outcomes(
             row |= {name: Varied(values[rows]) for name, values in doubles.items()}
         return plan_of(study, bases, row)
 
-    make_runs(maker or Lanes(shared_batch()), plan_at, _alike(study, columns, doubles), ended)
+    make_runs(maker or Lanes(), plan_at, _alike(study, columns, doubles), ended)
     return ended
 
 
@@ -128,12 +127,6 @@ def _alike(study: StudySpec, columns: Columns, numbers: Container[str]) -> Itera
     for i, values in enumerate(zip(*(columns[name] for name in names), strict=True)):
         places.setdefault((*values, *map(type, values)), []).append(i)
     return map(np.array, places.values())
-
-
-@cache
-def shared_batch() -> Batch:
-    """Return the compiled loops of this process."""
-    return Batch()
 
 
 def plan_of(study: StudySpec, bases: Bases, row: Row) -> RunPlan:

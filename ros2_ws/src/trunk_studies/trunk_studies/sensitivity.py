@@ -10,7 +10,7 @@ is the number of such runs. How often the trunk fell is itself a metric, `FELL`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,6 +22,7 @@ from scipy.stats import bootstrap, qmc, sobol_indices
 from trunk_core.arrays import Floats
 from trunk_core.errors import StudyError
 from trunk_core.results import Count, Result
+from trunk_runs.offline_recording import Progress
 
 from .rows import Bases
 from .statistics import CONFIDENCE, FELL, Estimate
@@ -32,7 +33,6 @@ from .sweep_results import METRICS, Results
 RESAMPLES = 999
 _BELOW_1 = 1.0 - 2.0**-53
 _SEED = 1  # of the scrambling and of the resampling: the same study gives the same indices
-Progress = Callable[[int, int], None]  # takes the number of finished runs, and of all
 
 
 @dataclass(frozen=True)
@@ -103,9 +103,8 @@ def sensitivities(
 ) -> list[Sensitivity]:
     """Return the indices of falls and of some metrics, controller by controller.
 
-    Raises StudyError as `check_sensitivity` does, and for a combination of values that is refused.
+    They are checked by `check_sensitivity`. Raises StudyError for a combination of values that is refused.
     """
-    check_sensitivity(study, n, metrics)
     done, of = 0, total_runs(study, n)
     tables: dict[int, pa.Table] = {}
     for index, table in runner(_blocks(study, bases, _columns(study, n))):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -26,6 +26,7 @@ from trunk_core.errors import PlanError, StudyError, SweepError
 from trunk_core.parameters.declarations import ParameterError
 from trunk_core.results import OMITTED, As, Count, Result
 from trunk_evidence.run_metrics import QUANTITIES
+from trunk_runs.offline_recording import Progress
 from trunk_runs.plan import RunPlan
 from trunk_sim.plant import TRUNK
 from trunk_views.plots import COLORS, STYLE, line_style, with_unit
@@ -39,7 +40,6 @@ from .tuning.floquet import floquet, prepared
 if TYPE_CHECKING:
     from .robustness import Survival
 
-Progress = Callable[[int, int], None]  # takes the amount done and the total
 _MANY = 200  # points: fewer are faster without processes
 _CHUNK = 16  # points queued per process
 QUIET_DEG = 1.0  # RMS of the last 2 s: less is a trunk at rest

@@ -6,7 +6,7 @@ the same draws.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import inf, isnan, nan
@@ -17,7 +17,7 @@ import numpy as np
 
 from trunk_core.arrays import Floats
 from trunk_core.errors import StudyError
-from trunk_core.results import ALSO, OMITTED, Count, Keyword, Known
+from trunk_core.results import ALSO, OMITTED, Count, Keyword, Known, Result
 from trunk_core.text import shell_words
 from trunk_evidence.run_metrics import QUANTITIES
 
@@ -188,7 +188,7 @@ def falls(results: Results) -> list[Falls]:
 
 
 def distributions(
-    results: Results, metrics: tuple[str, ...] = METRICS, done: Callable[[], object] = lambda: None
+    results: Results, done: Callable[[], object] = lambda: None
 ) -> dict[str, list[MetricDistribution]]:
     """Return each metric's values by controller, with mean and median, over the runs that stood.
 
@@ -197,7 +197,7 @@ def distributions(
     every = {name: results.of(name) for name in results.controllers}
     stood = {name: runs.only(runs.fallen == 0.0) for name, runs in every.items()}
     by_metric: dict[str, list[MetricDistribution]] = {}
-    for metric in metrics:
+    for metric in METRICS:
         ranked = {name: runs.ranked(metric) for name, runs in stood.items()}
         values = {name: column[~np.isnan(column)] for name, column in ranked.items()}
         edges = _edges(np.concatenate(list(values.values())))
@@ -361,6 +361,16 @@ def compare_study(
             differences.append(difference_of(metric, first, second, a[metric], b[metric]))
             done()
     return differences
+
+
+@dataclass(frozen=True)
+class CompareStudyResult(Result, document="compare-study-1"):
+    """The document of ``trunk study compare``."""
+
+    study: Annotated[Path, "The sweep's file"]
+    falls: Annotated[Sequence[Falls], "How often each controller fell"]
+    distributions: Annotated[Sequence[MetricDistribution], "Over the runs in which it stood"]
+    differences: Sequence[PairedDifference]
 
 
 def _sorted(results: Results) -> dict[str, Floats]:

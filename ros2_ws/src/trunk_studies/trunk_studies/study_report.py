@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from trunk_core.errors import StudyError
-from trunk_core.results import Count, Result
+from trunk_core.results import Count, Quantity, Result
 from trunk_evidence.run_metrics import QUANTITIES
 from trunk_views.parts.page import part, policy, rendered
 from trunk_views.plots import drawn
@@ -43,34 +42,11 @@ WORST = 10
 
 
 @dataclass(frozen=True)
-class Bar:
-    """A run of a histogram's bins as a rectangle, in percent of the plot."""
-
-    x: float
-    y: float
-    width: float
-    height: float
-
-
-@dataclass(frozen=True)
-class Histogram:
-    """One controller's bars over the bins of a metric, its median in percent of the plot's width."""
-
-    distribution: MetricDistribution
-    bars: tuple[Bar, ...]
-    median: float | None
-
-
-@dataclass(frozen=True)
 class MetricPart:
     """What the page says of one metric."""
 
-    key: str
-    label: str
-    unit: str
-    low: str  # of the bins
-    high: str
-    histograms: tuple[Histogram, ...]
+    quantity: Quantity
+    distributions: tuple[MetricDistribution, ...]  # all with the same bins
     differences: tuple[PairedDifference, ...]
     scatter: str  # against each drawn parameter, as a data URL; empty: nothing is drawn
 
@@ -87,10 +63,8 @@ class StudyReport:
     metrics: tuple[MetricPart, ...]
     maps: tuple[tuple[str, str], ...]  # of each controller, as a data URL
     axes: tuple[str, ...]  # of the maps: two grid variables, or of one picture of curves: one
-    map_metric: str
+    metric: str  # of the map and of the worst runs
     worst: tuple[Worst, ...]
-    worst_metric: str
-    varied: tuple[str, ...]
     text: str
     provenance: str
 
@@ -117,7 +91,6 @@ def make_report(
         raise StudyError(f"no metric {metric!r}: one of {', '.join(METRICS)}")
     study = results.study
     fall_counts = falls(results)
-    spread = distributions(results)
     differences = compare_study(results) if len(results.controllers) > 1 else []
     axes = _axes(results)
     return StudyReport(
@@ -127,15 +100,18 @@ def make_report(
         falls=tuple(fall_counts),
         doubts=tuple(_doubts(fall_counts)),
         metrics=tuple(
-            _part(results, name, spreads, [d for d in differences if d.metric == name])
-            for name, spreads in spread.items()
+            MetricPart(
+                QUANTITIES[name].said(study.words),
+                tuple(spreads),
+                tuple(d for d in differences if d.metric == name),
+                _data_url(scatter(results, name)) if drawn_parameters(results) else "",
+            )
+            for name, spreads in distributions(results).items()
         ),
         maps=tuple(_maps(results, metric, axes, floquet)) if axes else (),
         axes=axes,
-        map_metric=metric,
+        metric=metric,
         worst=tuple(worst_runs(results, metric, WORST)),
-        worst_metric=metric,
-        varied=tuple(v.name for v in study.variables),
         text=results.study_text,
         provenance=(results.table.schema.metadata or {}).get(b"provenance", b"").decode(),
     )
@@ -200,38 +176,3 @@ def _maps(
 
 def _data_url(figure: Figure) -> str:
     return f"data:image/png;base64,{base64.b64encode(drawn(figure, '.png')).decode('ascii')}"
-
-
-def _part(
-    results: Results,
-    metric: str,
-    spreads: list[MetricDistribution],
-    differences: list[PairedDifference],
-) -> MetricPart:
-    histograms, low, high = [], "", ""
-    for spread in spreads:
-        edges, bin_counts = spread.histogram or ([], [0])
-        most = max(*bin_counts, 1)
-        width = 100.0 / len(bin_counts)
-        bars = tuple(
-            Bar(i * width, 100.0 - 100.0 * count / most, width, 100.0 * count / most)
-            for i, count in enumerate(bin_counts)
-            if count
-        )
-        median = None
-        if edges:
-            low, high = number_text(edges[0]), number_text(edges[-1])
-        if edges and not np.isnan(spread.median.value):
-            median = min(100.0, 100.0 * (spread.median.value - edges[0]) / (edges[-1] - edges[0]))
-        histograms.append(Histogram(spread, bars, median))
-    quantity = QUANTITIES[metric].said(results.study.words)
-    return MetricPart(
-        key=metric,
-        label=quantity.label,
-        unit=quantity.unit,
-        low=low,
-        high=high,
-        histograms=tuple(histograms),
-        differences=tuple(differences),
-        scatter=_data_url(scatter(results, metric)) if drawn_parameters(results) else "",
-    )

@@ -32,6 +32,7 @@ from trunk_core.files import atomic_write
 from trunk_evidence.run_metrics import Metrics
 from trunk_recording.provenance import ARITHMETIC, OF_MACHINE, gather, packages_of_plugins
 from trunk_runs.nodes import CONTROLLERS
+from trunk_runs.offline_recording import Progress
 
 from .batch.block import Maker
 from .batch.kernel import OnDevice, kernel_of, templates
@@ -44,7 +45,6 @@ _PROGRAM, _CONTENT = "sources", "study_content"  # keys of a block's metadata
 _CONNECT_S = 10.0  # to a Dask cluster
 _IN_FLIGHT = 4  # blocks per thread of the cluster
 _RETRIES = 3  # of a task whose worker was lost; the scheduler itself allows as many
-Progress = Callable[[int], None]  # takes the number of finished runs
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,8 @@ class SweepJob:
             with atomic_write(self._mark) as part:
                 part.write_text(json.dumps({_PROGRAM: sources(), "study": self._identity}))
         self.missing = [i for i in range(self.blocks) if not self._path(i).exists()]
-        return self.study.total - sum(len(self._rows(i)) for i in self.missing)
+        self._done = self.study.total - sum(len(self._rows(i)) for i in self.missing)
+        return self._done
 
     def _foreign(self) -> str:
         """Return why the finished blocks are not this sweep's; empty if they are, or if there are none."""
@@ -167,11 +168,12 @@ class SweepJob:
             columns = design(self.study, rows.start, rows.stop)
             yield RunBlock(i, self.study, self.bases, columns, self._key[_CONTENT])
 
-    def run(self, runner: Runner, progress: Progress = lambda runs: None) -> None:
+    def run(self, runner: Runner, progress: Progress = lambda done, of: None) -> None:
         """Run what is missing and write each block as it comes. Raises SweepError."""
         for index, table in runner(self.waiting()):
             self.keep(index, table)
-            progress(len(table))
+            self._done += len(table)
+            progress(self._done, self.study.total)
 
     def keep(self, index: int, table: pa.Table) -> None:
         """Write a finished block. Raises SweepError if other code or another study made it."""

@@ -160,6 +160,8 @@ def study(
     contenders: Any = plain(controllers)
     if isinstance(controllers, Mapping):
         contenders = {str(label): _contender(contender) for label, contender in controllers.items()}
+    such_as = "{'mass': trunk.grid('simulator.plant.trunk_mass', [0.4, 0.6])}"
+    varied = mapping_of(vary, "vary", such_as)
     tree = {
         "scenario": str(path_of(scenario, "scenario")),
         "controllers": contenders,
@@ -169,7 +171,7 @@ def study(
         "duration": number_of(duration, "duration"),
         "runs": plain(runs),
         "seed": plain(seed),
-        "vary": {str(name): _entry(name, variation) for name, variation in _varied(vary).items()},
+        "vary": {str(name): _entry(name, variation) for name, variation in varied.items()},
     }
     return Study(_parsed({name: value for name, value in tree.items() if value is not None}))
 
@@ -195,12 +197,6 @@ def _parsed(tree: Mapping[str, Any]) -> StudySpec:
 def _overrides(value: Mapping[str, Any]) -> dict[str, Any]:
     overrides = mapping_of(value, "overrides", "{'NODE.PARAM': value}")
     return {str(name): plain(override) for name, override in overrides.items()}
-
-
-def _varied(value: Mapping[str, Variation]) -> Mapping[str, Variation]:
-    return mapping_of(
-        value, "vary", "{'mass': trunk.grid('simulator.plant.trunk_mass', [0.4, 0.6])}"
-    )
 
 
 def _contender(contender: Contender) -> dict[str, Any]:
@@ -379,10 +375,11 @@ def sweep(
         raise PlanError(f"sweep: jobs is {jobs!r}: a whole number from 1 to 1024 is needed")
     if device not in ("cpu", "cuda") or (device == "cuda" and jobs != 1):
         raise PlanError(f"sweep: device is {device!r}, jobs {jobs}: cpu, or cuda with jobs=1")
+    tell = progress or (lambda done, of: None)
     if output is not None:
-        return _swept(study, output_path(output, (".parquet",), overwrite), jobs, device, progress)
+        return _swept(study, output_path(output, (".parquet",), overwrite), jobs, device, tell)
     with TemporaryDirectory(prefix="trunk_") as folder:
-        sweep = _swept(study, Path(folder) / "sweep.parquet", jobs, device, progress)
+        sweep = _swept(study, Path(folder) / "sweep.parquet", jobs, device, tell)
     return replace(sweep, _results=replace(sweep._results, path=Path("the sweep")))
 
 
@@ -391,7 +388,7 @@ def _swept(
     path: Path,
     jobs: int,
     device: str,
-    progress: Callable[[int, int], None] | None,
+    progress: Callable[[int, int], None],
 ) -> Sweep:
     from trunk_studies.sweep_execution import SweepJob, device_runner, processes
     from trunk_studies.sweep_results import Results
@@ -402,18 +399,11 @@ def _swept(
 
         maker = on_cuda(warnings.append)
     with writing(path):
-        done = job.start()
-
-    def tell(runs: int) -> None:
-        nonlocal done
-        done += runs
-        if progress is not None:
-            progress(done, study.runs)
-
+        job.start()
     try:
         with writing(path):
             workers = max(1, min(jobs, len(job.missing)))
-            job.run(device_runner(maker) if maker else processes(workers), tell)
+            job.run(device_runner(maker) if maker else processes(workers), progress)
             job.finish()
     except SweepError as error:
         if isinstance(error.__context__, BrokenProcessPool):

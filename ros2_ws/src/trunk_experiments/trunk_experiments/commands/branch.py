@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from trunk_core.errors import PlanError, RecordingError
+from trunk_core.errors import PlanError
 from trunk_core.results import Result
-from trunk_evidence.branching import Branch, fanned
+from trunk_evidence.branching import Branch, branch_plan, fanned, record_branch
 from trunk_sim.simulation import DivergedError
 
 from ..console.document import json_option, write_json
@@ -127,7 +127,7 @@ def command(
     plans = []
     with progress_bar("checking branches", _MANY) as tell:
         for branch in branches:
-            plans.append(_planned(parent, branch, duration))
+            plans.append(branch_plan(parent, branch, duration))
             tell(len(plans), len(branches))
     if output not in paths:
         output.mkdir(parents=True, exist_ok=True)
@@ -206,22 +206,10 @@ def _name(branch: Branch) -> str:
     return kept[:_NAME]
 
 
-def _planned(parent: RecordedRun, branch: Branch, duration: float | None) -> RunPlan:
-    """Return a branch's plan. Raises PlanError and RecordingError if it cannot be run."""
-    from trunk_evidence.branching import branch_plan
-
-    try:
-        return branch_plan(parent, branch, duration)
-    except KeyError as error:
-        raise RecordingError(f"{parent.path}: it cannot be branched: {error} is missing") from None
-
-
 def _recorded(
     parent: RecordedRun, branch: Branch, plan: RunPlan, path: Path, force: bool
 ) -> tuple[int, DivergedError | None]:
     """Write a branch, showing progress; return the number of states, or why it diverged."""
-    from trunk_evidence.branching import record_branch
-
     with progress_bar(f"simulating {path.name}", _LONG) as tell_done:
         try:
             return record_branch(parent, branch, plan, path, force, tell_done), None

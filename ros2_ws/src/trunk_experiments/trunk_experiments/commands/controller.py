@@ -9,7 +9,6 @@ from typing import Annotated
 import click
 
 from trunk_control.laws import REGISTERED, law_named, package_of
-from trunk_core.errors import EXIT_FAILED
 from trunk_core.plugins import PluginError
 from trunk_core.results import Keyword, Result
 from trunk_runs.nodes import CONTROLLERS, OTHERS, UNUSABLE
@@ -55,19 +54,11 @@ def new_command(name: str, path: Path, as_json: bool) -> None:
 @command.command("check", short_help="Apply the conformance kit to a registered controller.")
 @click.argument("name", type=Name((*CONTROLLERS, *UNUSABLE)))
 @json_option("trunk_experiments.console.kit_checks:CheckResult")
-@click.pass_context
-def check_command(ctx: click.Context, name: str, as_json: bool) -> None:
+def check_command(name: str, as_json: bool) -> None:
     """Apply the conformance kit to a registered controller; exit code 1 if anything is found."""
     from ..conformance.law import KIT
-    from ..console.kit_checks import CheckResult, checked, show_checked
+    from ..console.kit_checks import CheckResult, run_kit
 
     if name in UNUSABLE:
         raise PluginError(UNUSABLE[name])
-    checks = checked(KIT, name)
-    label, package, kept = law_named(name).label, package_of(name), all(c.kept for c in checks)
-    if as_json:
-        write_json(CheckResult(name, label, package, kept, checks))
-    else:
-        show_checked(label, package, checks)
-    if not kept:
-        ctx.exit(EXIT_FAILED)
+    run_kit(KIT, CheckResult, name, law_named(name).label, package_of(name), as_json)

@@ -155,36 +155,27 @@ def _show(explanation: Explanation, plant: Plant) -> None:
         f"t = {explanation.asked_s:g} s: {explanation.controller} holds {terms.effort:.6g} {unit}, "
         f"computed at t = {explanation.update_s:g} s"
     )
+    truth = ("not known: another robot", "")
+    if explanation.true_angle is not None:
+        truth = (f"{degrees(explanation.true_angle):.6g}", "°")
+    rate = ("measured rate", f"{explanation.rate:.6g}", "rad/s")
+    if windup is not None:
+        mode = explanation.derivative_mode
+        rate = (f"its derivative (mode {mode})", f"{terms.error_rate:.6g}", "rad/s")
     rows = [
         ("reference", f"{degrees(explanation.reference):.6g}", "°"),
         ("measured angle", f"{degrees(explanation.measurement):.6g}", "°"),
-        (
-            ("true angle", "not known: another robot", "")
-            if explanation.true_angle is None
-            else ("true angle", f"{degrees(explanation.true_angle):.6g}", "°")
-        ),
+        ("true angle", *truth),
         ("error e", f"{degrees(explanation.error):.6g}", "°"),
-        (
-            ("measured rate", f"{explanation.rate:.6g}", "rad/s")
-            if windup is None
-            else (
-                f"its derivative (mode {explanation.derivative_mode})",
-                f"{terms.error_rate:.6g}",
-                "rad/s",
-            )
-        ),
+        rate,
+        *_disturbance_rows(explanation.disturbance, plant),
     ]
-    rows += _disturbance_rows(explanation.disturbance, plant)
     print_table("inputs", ("quantity", "value", "unit"), rows)
     if explanation.rules:
+        symbols = (c.symbol for c in explanation.rules[0].consequents)
         print_table(
             "rules that fired",
-            (
-                "if e is",
-                "and e_dot is",
-                "weight",
-                *(c.symbol for c in explanation.rules[0].consequents),
-            ),
+            ("if e is", "and e_dot is", "weight", *symbols),
             [
                 (
                     rule.error_label,
@@ -201,39 +192,22 @@ def _show(explanation: Explanation, plant: Plant) -> None:
         if explanation.changed_tables:
             click.echo()
     low, high = explanation.limits
-    free = not (isfinite(low) or isfinite(high))
-    print_table(
-        "outputs",
-        ("quantity", "value", "unit"),
-        [
-            *(
-                _own_terms(explanation, plant)
-                if windup is None
-                else _of_drive(_shares(explanation), plant)
-            ),
-            *_of_drive(
-                [
-                    (
-                        "limits of the handover" if explanation.handing_over else "limits",
-                        "none" if free else f"{low:g} … {high:g}",
-                        "" if free else "N m",
-                    ),
-                    (
-                        "command" + (", limited" if explanation.limited else ""),
-                        f"{terms.effort:.6g}",
-                        "N m",
-                    ),
-                    (
-                        ("torque applied to the robot", "not known", "")
-                        if explanation.applied is None
-                        else ("torque applied to the plant", f"{explanation.applied:.6g}", "N m")
-                    ),
-                    *([] if windup is None else _gains(explanation)),
-                ],
-                plant,
-            ),
-        ],
-    )
+    limits = ("none", "")
+    if isfinite(low) or isfinite(high):
+        limits = (f"{low:g} … {high:g}", "N m")
+    applied: Row = ("torque applied to the robot", "not known", "")
+    if explanation.applied is not None:
+        applied = ("torque applied to the plant", f"{explanation.applied:.6g}", "N m")
+    outcome = [
+        ("limits of the handover" if explanation.handing_over else "limits", *limits),
+        ("command" + ", limited" * explanation.limited, f"{terms.effort:.6g}", "N m"),
+        applied,
+    ]
+    if windup is None:
+        rows = [*_own_terms(explanation, plant), *_of_drive(outcome, plant)]
+    else:
+        rows = _of_drive([*_shares(explanation), *outcome, *_gains(explanation)], plant)
+    print_table("outputs", ("quantity", "value", "unit"), rows)
     if explanation.took_over:
         click.echo(
             plant.of_drive(

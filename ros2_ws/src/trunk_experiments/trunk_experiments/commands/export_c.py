@@ -89,19 +89,22 @@ def command(
 
     Without --params, --set and --like its parameters are the defaults.
     """
-    from ..export_c.exported_controller import ExportedController
-    from ..export_c.library import base_files, check_name, recorded_rows, swinging_rows
+    from ..export_c.library import (
+        SWINGING,
+        ExportedController,
+        base_files,
+        check_name,
+        recorded_rows,
+    )
 
     name = check_name(controller if name is None else name)
     check_folder(output, force)
     run = None if like is None else open_run(like)
     config = _config(controller, params, settings, run)
     exported = ExportedController(law_named(controller), config, name)
-    rows = swinging_rows(exported)
-    if run is not None:
-        rows = recorded_rows(run, exported)
-        if not any(row.compared for row in rows):
-            raise PlanError(f"--like {like}: it has no commands of {controller}: give a whole run")
+    rows = exported.answers(SWINGING) if run is None else recorded_rows(run, exported)
+    if run is not None and not any(row.compared for row in rows):
+        raise PlanError(f"--like {like}: it has no commands of {controller}: give a whole run")
     origin = "CPython" if run is None else run.path.name
     written = _written(output, base_files(exported, rows), [*params, *([like] if like else [])])
     source = output / f"{name}.c"

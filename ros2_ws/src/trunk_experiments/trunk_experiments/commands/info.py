@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import click
+from rich.filesize import decimal
 
 from trunk_core import topics as names
 from trunk_core.parameters.shared import PLANT_NAME
@@ -27,7 +28,6 @@ from ..console.terminal import show_warnings
 
 FINE, FINDINGS = 0, 1  # exit codes of --check
 _WIDTH = 80
-_UNITS = ("B", "kB", "MB", "GB", "TB")
 
 
 class TopicContent(NamedTuple):
@@ -114,15 +114,6 @@ def _duration(run: RecordedRun) -> float | None:
     return seconds(max(spans)) if spans else None
 
 
-def _size(size: float | None) -> str:
-    if size is None:
-        return "?"
-    unit = 0
-    while size >= 1000.0 and unit < len(_UNITS) - 1:
-        size, unit = size / 1000.0, unit + 1
-    return f"{size:.0f} B" if unit == 0 else f"{size:.3g} {_UNITS[unit]}"
-
-
 def _pairs(values: Mapping[str, str]) -> list[str]:
     """Return names and values as lines of no more than 80 columns, where words allow it."""
     width = max(map(len, values), default=0) + 2
@@ -186,7 +177,7 @@ def command(context: click.Context, run: Path, check: bool, as_json: bool) -> No
     click.echo(f"{run}: {_state(content)}" if recording.complete else f"{run}")
     plant = recorded.parameters.get("simulator", {}).get(PLANT_NAME)
     overview = {
-        "size": _size(content.bytes) + files,
+        "size": decimal(content.bytes) + files,
         "duration": "?" if content.duration_s is None else f"{content.duration_s:.10g} s",
         "scenario": content.scenario or "?",
         **({"plant": str(plant)} if plant else {}),
@@ -205,7 +196,7 @@ def command(context: click.Context, run: Path, check: bool, as_json: bool) -> No
             str(t.messages),
             "" if t.rate_hz is None else f"{t.rate_hz:.5g}",
             "" if t.longest_gap_s is None else f"{round(1e3 * t.longest_gap_s, 2):g}",
-            _size(t.bytes),
+            "?" if t.bytes is None else decimal(t.bytes),
         )
         for name, t in content.topics.items()
     ]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,7 +48,7 @@ class LabResult(Result, document="lab-1"):
 
 
 @click.command("lab")
-@partial(plan_options, several=("pid", "fuzzy_pid"), of_several=_OF_SEVERAL)
+@plan_options(several=("pid", "fuzzy_pid"), of_several=_OF_SEVERAL)
 @push_option
 @click.option(
     "--knob",

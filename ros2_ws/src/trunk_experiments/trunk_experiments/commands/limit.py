@@ -30,7 +30,6 @@ from ..console.options import (
     check_output,
     device_option,
     exclude,
-    names_or_files,
     output_options,
     parameter_options,
     studies,
@@ -80,7 +79,7 @@ PlanOf = Callable[[str, str], RunPlan]  # of a controller, with a value
 @click.option(
     "--study",
     metavar="STUDY",
-    shell_complete=names_or_files(studies),
+    shell_complete=studies,
     help="In place of SCENARIO: how many of its random runs stand each value.",
 )
 @click.option(
@@ -235,16 +234,15 @@ def _limits(
         for name in names:
             before = most * len(limits)
 
+            def plan_at(value: float, name: str = name) -> RunPlan:
+                return make(name, repr(value))
+
             def progress(runs: int, before: int = before) -> None:
                 tell(before + runs, most * len(names))
 
-            limits[name] = find_limit(partial(_at, make, name), first, last, exact, progress)
+            limits[name] = find_limit(plan_at, first, last, exact, progress)
             progress(most)
     return limits
-
-
-def _at(make: PlanOf, name: str, value: float) -> RunPlan:
-    return make(name, repr(value))
 
 
 def _record(make: PlanOf, limit: Limit, files: list[Path], force: bool) -> Limit:
@@ -257,7 +255,7 @@ def _record(make: PlanOf, limit: Limit, files: list[Path], force: bool) -> Limit
         if value is None:
             continue
         try:
-            record_offline(_at(make, limit.controller, value), path, overwrite=force)
+            record_offline(make(limit.controller, repr(value)), path, overwrite=force)
         except DivergedError:
             show_warnings([f"{path}: diverges, as recorded"])
         written.append(path)
@@ -312,18 +310,10 @@ def _study(
     drawn = {str(target) for variable in study.variables for target in variable.targets}
     conditions = conditions_of(plan, {vary, *drawn})
     values = np.linspace(*bounds, points).tolist()
-    total = study.total * points
-    done = 0
-    with progress_bar("runs") as show_done:
-
-        def progress(runs: int) -> None:
-            nonlocal done
-            done += runs
-            show_done(done, total)
-
+    with progress_bar("runs") as tell:
         array, _, index = parameter.removesuffix("]").partition("[")
         target = Target(node, array, int(index) if index else None)
-        curves = survival(study, target, values, progress, maker)
+        curves = survival(study, target, values, tell, maker)
     show_warnings(maker.remarks() if maker else [])
     if output is not None:
         from trunk_studies.stability_map import draw_survival

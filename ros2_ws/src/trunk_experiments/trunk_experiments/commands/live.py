@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
@@ -38,6 +37,7 @@ from ..console.options import (
     output_options,
     plan_of,
     plan_options,
+    together,
 )
 from ..console.terminal import line_of, open_page, report_error
 from .run import show_run
@@ -47,33 +47,29 @@ _OF_THE_PAGE = ("attach", "host", "port", "url", "browser", "as_json")
 _LOOK_S = 0.05
 
 
-def _page_options(function: Any) -> Any:
-    """Add ``--host``, ``--port`` and ``--url``."""
-    for option in (
-        click.option(
-            "--url",
-            default="",
-            metavar="URL",
-            callback=lambda context, option, url: _checked_url(url),
-            help="What browsers open, such as http://127.0.0.1:8080, where a container's port, a tunnel or "
-            "a proxy leads to the page; any other address is refused.  [default: host and port]",
-        ),
-        click.option(
-            "--port",
-            type=WholeRange(0, 65535),
-            default=0,
-            help="Port of the page.  [default: a free one]",
-        ),
-        click.option(
-            "--host",
-            default=LOOPBACK,
-            show_default=True,
-            metavar="ADDRESS",
-            help="Address of this machine for the page; any but the default is open to other machines.",
-        ),
-    ):
-        function = option(function)
-    return function
+_page_options = together(
+    click.option(
+        "--host",
+        default=LOOPBACK,
+        show_default=True,
+        metavar="ADDRESS",
+        help="Address of this machine for the page; any but the default is open to other machines.",
+    ),
+    click.option(
+        "--port",
+        type=WholeRange(0, 65535),
+        default=0,
+        help="Port of the page.  [default: a free one]",
+    ),
+    click.option(
+        "--url",
+        default="",
+        metavar="URL",
+        callback=lambda context, option, url: _checked_url(url),
+        help="What browsers open, such as http://127.0.0.1:8080, where a container's port, a tunnel or "
+        "a proxy leads to the page; any other address is refused.  [default: host and port]",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -86,7 +82,7 @@ class PageResult(Result, document="page-1"):
 
 
 @click.command("live")
-@partial(plan_options, required=False, several=("fuzzy_pid",))
+@plan_options(required=False, several=("fuzzy_pid",))
 @external_option
 @output_options(
     "Folder for the recording, parameters and logs.  [default: runs/TIME_SCENARIO_CONTROLLER]",

@@ -50,8 +50,12 @@ def command(
     """
     from trunk_runs.processes import check_nodes_installed
     from trunk_studies.paper.claims import FIGURES
-    from trunk_studies.paper.reproduction import PaperResult, paper_numbers, reproduce
-    from trunk_studies.paper.reproduction_report import write_report
+    from trunk_studies.paper.reproduction import (
+        PaperResult,
+        paper_numbers,
+        reproduce,
+        write_report,
+    )
 
     from ..lab.webassembly import missing_tools
     from .lab import write_lab
@@ -78,7 +82,7 @@ def command(
 
 
 def _show(result: Reproduction, report: Path, graph: bool) -> None:
-    from trunk_studies.paper.reproduction_report import lead
+    from trunk_studies.paper.reproduction import lead
 
     click.echo(f"{lead(result)}\n")
     print_table(

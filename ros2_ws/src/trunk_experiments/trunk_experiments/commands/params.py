@@ -22,7 +22,8 @@ from trunk_runs.nodes import NODES, Parameter, config_class, parameters_of, why_
 from trunk_sim.plant import TRUNK
 
 from ..console.document import json_option, write_json
-from ..console.options import FiniteRange, names_or_files, nodes, parameter_files
+from ..console.options import FiniteRange, nodes, parameter_files, together
+from ..console.tables import aligned, markdown_table, print_table
 from ..console.terminal import print_title, show_warnings
 from ..console.verbs import Verbs
 
@@ -81,13 +82,11 @@ class _Verb(Verbs):
         return [*super().shell_complete(ctx, incomplete), *nodes]
 
 
-def _listing_options(function: Any) -> Any:
-    for option in (
-        click.option("--markdown", "as_markdown", is_flag=True, help="Print Markdown."),
-        click.option("--plant", default=TRUNK, show_default=True, help="The plant of the run."),
-    ):
-        function = option(function)
-    return json_option(ParamsResult)(function)
+_listing_options = together(
+    json_option(ParamsResult),
+    click.option("--plant", default=TRUNK, show_default=True, help="The plant of the run."),
+    click.option("--markdown", "as_markdown", is_flag=True, help="Print Markdown."),
+)
 
 
 @click.group(
@@ -109,14 +108,12 @@ def command(ctx: click.Context, plant: str, as_json: bool, as_markdown: bool) ->
 
 
 def _list(nodes: Sequence[str], plant: str, as_json: bool, as_markdown: bool) -> None:
-    from ..console.tables import print_table
-
     if as_json:
         write_json(ParamsResult({name: parameters_of(name, plant) for name in nodes}))
         return
     for name in nodes:
         if as_markdown:
-            click.echo(f"### {name}\n\n{markdown_table(markdown_rows(name, plant).values())}\n")
+            click.echo(f"### {name}\n\n{markdown(name, plant)}\n")
             continue
         print_table(
             f"{name} (* fixed at start)",
@@ -156,7 +153,7 @@ class ParamsShowResult(Result, document="params-show-1"):
 
 
 @click.command("show")
-@click.argument("name", shell_complete=names_or_files(parameter_files))
+@click.argument("name", shell_complete=parameter_files)
 @json_option(ParamsShowResult)
 def show(name: str, as_json: bool) -> None:
     """Print what a parameter file sets: paths, values, units, rule tables.
@@ -224,8 +221,6 @@ def _refused(values: Iterable[FileValue]) -> Iterable[str]:
 def _print(layers: list[Layer], values: list[FileValue]) -> None:
     from trunk_control.rule_tables import axes_of, is_table
 
-    from ..console.tables import print_table
-
     for layer in layers:
         click.echo(layer.source)
         for line in _head(Path(layer.source)):
@@ -275,27 +270,24 @@ class ParamsApplyResult(Result, document="params-apply-1"):
     changes: Sequence[LiveChange]
 
 
-def _live_options(function: Any) -> Any:
-    for option in (
-        click.option("--dry-run", is_flag=True, help="Show what differs; change nothing."),
-        click.option(
-            "--timeout",
-            type=_TIMEOUT,
-            default=5.0,
-            show_default=True,
-            metavar="S",
-            help="How long the node may take to be found, and to answer.",
-        ),
-        json_option(ParamsApplyResult),
-        click.option("--namespace", default="", help="Namespace of the node, such as robot1."),
-    ):
-        function = option(function)
-    return function
+_live_options = together(
+    click.option("--namespace", default="", help="Namespace of the node, such as robot1."),
+    json_option(ParamsApplyResult),
+    click.option(
+        "--timeout",
+        type=_TIMEOUT,
+        default=5.0,
+        show_default=True,
+        metavar="S",
+        help="How long the node may take to be found, and to answer.",
+    ),
+    click.option("--dry-run", is_flag=True, help="Show what differs; change nothing."),
+)
 
 
 @click.command("apply")
-@click.argument("node", shell_complete=names_or_files(nodes))
-@click.argument("file", shell_complete=names_or_files(parameter_files))
+@click.argument("node", shell_complete=nodes)
+@click.argument("file", shell_complete=parameter_files)
 @_live_options
 def apply(
     node: str, file: str, namespace: str, timeout: float, dry_run: bool, as_json: bool
@@ -304,48 +296,16 @@ def apply(
 
     NODE is a node's name, such as pid or /robot2/pid; FILE a parameter file, by path or shipped name.
     """
-    from trunk_core.errors import LiveParametersError
     from trunk_core.parameters.parameter_files import read
-    from trunk_runs.live_parameters import (
-        choosers_of,
-        class_of,
-        differences,
-        full_name,
-        planned_names,
-        said_in_si,
-        said_of,
-        with_numbers,
-        with_tables,
-    )
+    from trunk_runs.live_parameters import full_name
     from trunk_runs.scenario import checked_namespace, find_file
 
     layer, name = read(find_file(file)), full_name(node, checked_namespace(namespace))
-    middleware.prepare()  # a middleware that is not there ends whoever imports rclpy
-    from trunk_runs.live_parameters_node import LiveParameters
-
-    with LiveParameters(name, timeout) as parameters:
-        names = parameters.names()
-        config = class_of(name, names, parameters.values)
-        said = said_of(name, layer, [*names, *planned_names(config)])
-        said = with_numbers(name, config, layer, said, parameters.values)
-        said = with_tables(name, config, layer.source, said, parameters.values)
-        present = parameters.values([*said, *choosers_of(config, said)])
-        fixed = parameters.fixed(list(said))
-        said = said_in_si(name, config, layer.source, said, present)
-        changes = differences(said, present, fixed)
-        refused = [change for change in changes if change.fixed]
-        if refused and not dry_run:
-            listed = "; ".join(map(str, refused))
-            raise LiveParametersError(
-                f"{name}: {listed}: nothing is changed; leave it out, or start the node with {file}"
-            )
-        if changes and not dry_run:
-            parameters.set_together({change.name: change.new for change in changes})
-    _say(name, changes, dry_run, as_json)
+    _set(name, layer, timeout, dry_run, as_json, file)
 
 
 @click.command("set")
-@click.argument("node", shell_complete=names_or_files(nodes))
+@click.argument("node", shell_complete=nodes)
 @click.argument("settings", nargs=-1, required=True, metavar="NAME=VALUE...")
 @_live_options
 def set_values(
@@ -362,40 +322,60 @@ def set_values(
     node refuses, its own message is printed, and nothing has changed.
     """
     from trunk_core.parameters.parameter_files import Layer, Section
+    from trunk_runs.live_parameters import full_name
+    from trunk_runs.scenario import checked_namespace, settings_of
+
+    wanted = settings_of(settings)
+    name = full_name(node, checked_namespace(namespace))
+    _set(name, Layer("params set", (Section(name, wanted),)), timeout, dry_run, as_json)
+
+
+def _set(
+    name: str, layer: Layer, timeout: float, dry_run: bool, as_json: bool, file: str = ""
+) -> None:
+    """Set a running node's parameters to a layer's values, and say which change.
+
+    Of a ``file`` those that are fixed are refused here, and those for other nodes are left out.
+    """
+    from trunk_core.errors import LiveParametersError
     from trunk_runs.live_parameters import (
         choosers_of,
         class_of,
         differences,
-        full_name,
+        planned_names,
         said_in_si,
+        said_of,
         with_numbers,
         with_tables,
     )
-    from trunk_runs.scenario import checked_namespace, settings_of
 
-    wanted: Mapping[str, object] = settings_of(settings)
-    name = full_name(node, checked_namespace(namespace))
     middleware.prepare()  # a middleware that is not there ends whoever imports rclpy
     from trunk_runs.live_parameters_node import LiveParameters
 
+    said: Mapping[str, object]
     with LiveParameters(name, timeout) as parameters:
-        given = Layer("params set", (Section(name, wanted),))
-        config = class_of(name, parameters.names(), parameters.values)
-        wanted = with_numbers(name, config, given, wanted, parameters.values)
-        wanted = with_tables(name, config, given.source, wanted, parameters.values)
-        present = parameters.values([*wanted, *choosers_of(config, wanted)])
-        fixed = parameters.fixed(list(wanted)) if dry_run else ()
-        wanted = said_in_si(name, config, "params set", wanted, present)
-        changes = differences(wanted, present, fixed)
+        names = parameters.names()
+        config = class_of(name, names, parameters.values)
+        said = layer.sections[0].values
+        if file:
+            said = said_of(name, layer, [*names, *planned_names(config)])
+        said = with_numbers(name, config, layer, said, parameters.values)
+        said = with_tables(name, config, layer.source, said, parameters.values)
+        present = parameters.values([*said, *choosers_of(config, said)])
+        fixed = parameters.fixed(list(said)) if file or dry_run else ()
+        said = said_in_si(name, config, layer.source, said, present)
+        changes = differences(said, present, fixed)
+        refused = [change for change in changes if change.fixed]
+        if refused and not dry_run:
+            listed = "; ".join(map(str, refused))
+            raise LiveParametersError(
+                f"{name}: {listed}: nothing is changed; leave it out, or start the node with {file}"
+            )
         if changes and not dry_run:
             parameters.set_together({change.name: change.new for change in changes})
-    _say(name, changes, dry_run, as_json)
-
-
-def _say(node: str, changes: Sequence[LiveChange], dry_run: bool, as_json: bool) -> None:
     parent = click.get_current_context().parent
     if as_json or (parent is not None and parent.params["as_json"]):  # trunk params --json set
-        write_json(ParamsApplyResult(node, not dry_run, changes))
+        write_json(ParamsApplyResult(name, not dry_run, changes))
         return
     for change in changes:
         click.echo(str(change))
@@ -438,16 +418,14 @@ def allowed_text(declaration: Declaration) -> str:
 
 def rule_table_text(rows: Sequence[str], axes: Axes) -> str:
     """Return a rule table with its labels: a row for each label of e, a column for each of e_dot."""
-    from ..console.tables import aligned
-
     cells: list[Sequence[str]] = [("e \\ e_dot", *axes.rate)]
     cells += [(label, *row.split()) for label, row in zip(axes.error, rows, strict=True)]
     return indent("\n".join(aligned(cells)), " " * 4)
 
 
-def markdown_rows(node: str, plant: str = TRUNK) -> dict[str, str]:
-    """Return a node's parameters with a plant by name, each as a row of a Markdown table."""
-    rows = {}
+def markdown(node: str, plant: str = TRUNK) -> str:
+    """Return a node's parameters with a plant as a Markdown table."""
+    rows = []
     for declaration in listed(config_class(node, {PLANT_NAME: plant})).values():
         allowed = ", ".join(declaration.choices) or declaration.bounds()
         default = value_text(declaration.default)
@@ -458,24 +436,17 @@ def markdown_rows(node: str, plant: str = TRUNK) -> dict[str, str]:
         if declaration.longest is not None:
             least = f"{declaration.shortest}…" if declaration.shortest else "≤"
             size = f"[{least}{declaration.longest}]"
-        cells = (
-            f"`{declaration.name}`" + ("" if not declaration.fixed else " *"),
-            declaration.kind + size,
-            default,
-            declaration.unit,
-            allowed.replace(">= ", "≥ ").replace("<= ", "≤ "),
-            declaration.description,
+        rows.append(
+            (
+                f"`{declaration.name}`" + ("" if not declaration.fixed else " *"),
+                declaration.kind + size,
+                default,
+                declaration.unit,
+                allowed.replace(">= ", "≥ ").replace("<= ", "≤ "),
+                declaration.description,
+            )
         )
-        rows[declaration.name] = (
-            "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
-        )
-    return rows
-
-
-def markdown_table(rows: Iterable[str]) -> str:
-    """Return rows of parameters as a Markdown table."""
-    head = ("| parameter | type | default | unit | allowed | what |", "|---|---|---|---|---|---|")
-    return "\n".join((*head, *rows))
+    return markdown_table(("parameter", "type", "default", "unit", "allowed", "what"), rows)
 
 
 def _scalar_text(value: object) -> str:

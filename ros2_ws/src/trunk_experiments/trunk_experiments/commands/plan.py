@@ -34,7 +34,7 @@ class NodesResult(PlanResult, OutputResult, document="plan-1"):
 
 
 @click.command("plan")
-@plan_options
+@plan_options()
 @external_option
 @output_options("The parameter file to write.  [default: params.yaml]")
 @click.option(

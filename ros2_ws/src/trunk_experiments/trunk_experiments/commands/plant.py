@@ -8,7 +8,6 @@ from typing import Annotated
 
 import click
 
-from trunk_core.errors import EXIT_FAILED
 from trunk_core.results import Keyword, Result
 from trunk_sim.plant import PLANTS
 
@@ -59,18 +58,10 @@ class _Plant(Name):
 @command.command("check", short_help="Apply the conformance kit to an installed plant.")
 @click.argument("name", type=_Plant(PLANTS.names))
 @json_option("trunk_experiments.console.kit_checks:PlantCheckResult")
-@click.pass_context
-def check_command(ctx: click.Context, name: str, as_json: bool) -> None:
+def check_command(name: str, as_json: bool) -> None:
     """Apply the conformance kit to an installed plant; exit code 1 if anything is found."""
     from ..conformance.plant import KIT
-    from ..console.kit_checks import PlantCheckResult, checked, show_checked
+    from ..console.kit_checks import PlantCheckResult, run_kit
 
     label, package = PLANTS.named(name).label, PLANTS.package_of(name)
-    checks = checked(KIT, name)
-    kept = all(check.kept for check in checks)
-    if as_json:
-        write_json(PlantCheckResult(name, label, package, kept, checks))
-    else:
-        show_checked(label, package, checks)
-    if not kept:
-        ctx.exit(EXIT_FAILED)
+    run_kit(KIT, PlantCheckResult, name, label, package, as_json)

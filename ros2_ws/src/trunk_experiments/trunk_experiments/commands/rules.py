@@ -138,8 +138,7 @@ def read_command(
         )
         save(figure, picture)
     write(output, {imported.node: imported.values})
-    for term in imported.silent:
-        click.echo(f"trunk: warning: {term} is 0 over the whole range", err=True)
+    show_warnings(f"{term} is 0 over the whole range" for term in imported.silent)
     if as_json:
         d = imported.deviation
         result = ImportRulesResult(

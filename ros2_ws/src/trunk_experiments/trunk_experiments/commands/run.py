@@ -58,7 +58,7 @@ class RunResult(PlanResult, _Recorded, document="run-1"):
 
 
 @click.command("run")
-@plan_options
+@plan_options()
 @push_option
 @external_option
 @output_options(

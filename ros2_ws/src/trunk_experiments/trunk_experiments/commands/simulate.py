@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,7 +26,7 @@ from ..console.options import (
     plan_options,
     push_option,
 )
-from ..console.reading import WrittenResult, about_written, open_run, show_written_doubts
+from ..console.reading import WrittenResult, about_written, open_run
 from ..console.terminal import line_of, progress_bar, report_error
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ class SimulateResult(PlanResult, WrittenResult, document="simulate-1"):
 
 
 @click.command("simulate")
-@partial(plan_options, required=False)
+@plan_options(required=False)
 @push_option
 @output_options("The MCAP file to write.  [default: SCENARIO_CONTROLLER.mcap]")
 @markers_option
@@ -106,7 +105,9 @@ def command(
         if difference:
             click.echo(f"DIFFERS: {difference}")
         if diverged is None:
-            show_written_doubts(output)
+            doubts = about_written(output).doubts
+            for line in doubts.lines if doubts else ():
+                click.echo(line)
             click.echo(
                 f"{output}: {states} states, {plan.scenario}, {plan.turns}{_bits(experiment, difference)}"
             )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count
+from itertools import chain, count
 from math import comb
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -23,7 +23,12 @@ from ..console.terminal import line_of, progress_bar
 from ..console.verbs import OrderedVerbs
 
 if TYPE_CHECKING:
-    from trunk_studies.statistics import Falls, MetricDistribution, PairedDifference
+    from trunk_studies.statistics import (
+        CompareStudyResult,
+        Falls,
+        MetricDistribution,
+        PairedDifference,
+    )
     from trunk_studies.sweep_results import Results
 
 Row = tuple[str, ...]
@@ -127,7 +132,7 @@ def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) 
 
 @command.command("compare", short_help="Compare a sweep's controllers over the same draws.")
 @results_argument
-@json_option("trunk_experiments.console.study_documents:CompareStudyResult")
+@json_option("trunk_studies.statistics:CompareStudyResult")
 @click.option("--csv", "form", flag_value="csv", help="Print the differences as CSV.")
 @click.option("--markdown", "form", flag_value="markdown", help="Print Markdown tables.")
 @click.pass_context
@@ -141,12 +146,9 @@ def compare_command(ctx: click.Context, results: Path, form: str | None, as_json
     if as_json and form:
         ctx.fail(f"--json and --{form}: give one of them")
     read = Results.read(results)
-    compared = Compared.of(read)
+    compared = _compared(read)
     if as_json:
-        from ..console.study_documents import CompareStudyResult
-
-        spreads = [spread for group in compared.distributions.values() for spread in group]
-        write_json(CompareStudyResult(results, compared.falls, spreads, compared.differences))
+        write_json(compared)
         return
     if form == "csv":
         click.echo(_as_csv(compared.differences), nl=False)
@@ -159,30 +161,22 @@ def compare_command(ctx: click.Context, results: Path, form: str | None, as_json
             print_table(f"{results}: {title}" if number == 0 else title, header, rows)
 
 
-@dataclass(frozen=True)
-class Compared:
-    """All that is shown of a study's controllers, in the order in which it is shown."""
+def _compared(results: Results) -> CompareStudyResult:
+    """Compare a sweep's controllers, showing progress. Raises StudyError as `compare_study` does."""
+    from trunk_studies.statistics import CompareStudyResult, compare_study, distributions, falls
+    from trunk_studies.sweep_results import METRICS
 
-    falls: list[Falls]
-    distributions: dict[str, list[MetricDistribution]]
-    differences: list[PairedDifference]
+    rows, controllers = len(results.table), len(results.controllers)
+    estimates = len(METRICS) * controllers + (len(METRICS) + 1) * comb(controllers, 2)
+    with progress_bar("resampling", lines_from=_LONG_COMPARISON) as tell:
+        number = count(1)
 
-    @classmethod
-    def of(cls, results: Results) -> Compared:
-        """Compare a sweep's controllers, showing progress. Raises StudyError as `compare_study` does."""
-        from trunk_studies.statistics import compare_study, distributions, falls
-        from trunk_studies.sweep_results import METRICS
+        def done() -> None:
+            tell(next(number) * rows, estimates * rows)
 
-        rows, controllers = len(results.table), len(results.controllers)
-        estimates = len(METRICS) * controllers + (len(METRICS) + 1) * comb(controllers, 2)
-        with progress_bar("resampling", lines_from=_LONG_COMPARISON) as tell:
-            number = count(1)
-
-            def done() -> None:
-                tell(next(number) * rows, estimates * rows)
-
-            differences = compare_study(results, done=done)
-            return cls(falls(results), distributions(results, done=done), differences)
+        differences = compare_study(results, done=done)
+        spreads = chain.from_iterable(distributions(results, done=done).values())
+        return CompareStudyResult(results.path, falls(results), [*spreads], differences)
 
 
 def _as_csv(differences: Sequence[PairedDifference]) -> str:
@@ -193,7 +187,9 @@ def _as_csv(differences: Sequence[PairedDifference]) -> str:
     )
 
 
-def _tables(compared: Compared, words: Callable[[str], str]) -> list[tuple[str, Row, list[Row]]]:
+def _tables(
+    compared: CompareStudyResult, words: Callable[[str], str]
+) -> list[tuple[str, Row, list[Row]]]:
     """Return titles, headers and rows."""
     from trunk_studies.statistics import FELL, RESAMPLES
 
@@ -201,7 +197,9 @@ def _tables(compared: Compared, words: Callable[[str], str]) -> list[tuple[str, 
     for difference in compared.differences:
         if difference.metric != FELL:
             by_metric.setdefault(difference.metric, []).append(difference)
-    spreads = compared.distributions
+    spreads: dict[str, list[MetricDistribution]] = {}
+    for spread in compared.distributions:
+        spreads.setdefault(spread.metric, []).append(spread)
     stood = {metric: list(map(_cells, group)) for metric, group in spreads.items()}
     pairs = {metric: list(map(_pair, differences)) for metric, differences in by_metric.items()}
     bins = {metric: _histograms(group) for metric, group in spreads.items()}

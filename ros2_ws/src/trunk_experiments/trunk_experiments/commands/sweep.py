@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -20,7 +19,6 @@ from ..console.options import (
     device_option,
     exclude,
     jobs_option,
-    names_or_files,
     output_options,
     studies,
 )
@@ -57,7 +55,7 @@ class SweepResult(Result, document="sweep-1"):
 
 
 @click.command("sweep")
-@click.argument("study", shell_complete=names_or_files(studies))
+@click.argument("study", shell_complete=studies)
 @output_options("The Parquet file to write; needed without --sobol.")
 @jobs_option("Processes on this machine.")
 @click.option(
@@ -122,7 +120,8 @@ def command(
         line = f"{study}: {sweep.study.total} runs in {sweep.blocks} blocks"
     else:
         outcomes = run_sweep(sweep, jobs, scheduler, device)
-        line = ended(sweep, outcomes)
+        counts = ", ".join(f"{count} {name}" for name, count in outcomes.items())
+        line = f"{output}: {sweep.study.total} runs: {counts}"
     if as_json:
         written, ends = (
             None if check else output,
@@ -133,17 +132,8 @@ def command(
         click.echo(line)
 
 
-def ended(sweep: SweepJob, outcomes: Mapping[str, int]) -> str:
-    """Return a line on how a sweep's runs ended."""
-    counts = ", ".join(f"{count} {name}" for name, count in outcomes.items())
-    return f"{sweep.output}: {sweep.study.total} runs: {counts}"
-
-
 def run_sweep(
-    sweep: SweepJob,
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    device: str = "cpu",
+    sweep: SweepJob, jobs: int | None, scheduler: str | None, device: str
 ) -> dict[str, int]:
     """Run a sweep, or the rest of an interrupted one, showing progress; return the count of each outcome."""
     from trunk_studies.sweep_execution import outcome_counts
@@ -157,13 +147,7 @@ def run_sweep(
         click.echo(f"resuming: {done} of {total} runs are done", err=True)
     with progress_bar("runs") as tell:
         tell(done, total)
-
-        def progress(runs: int) -> None:
-            nonlocal done
-            done += runs
-            tell(done, total)
-
-        sweep.run(runner, progress)
+        sweep.run(runner, tell)
     sweep.finish()
     show_warnings(maker.remarks() if maker else [])
     return dict(outcome_counts(sweep.output))

@@ -24,7 +24,7 @@ from ..console.document import json_option, write_json
 from ..console.options import (
     ControllerName,
     FiniteRange,
-    Function,
+    Option,
     WholeRange,
     check_output,
     exclude,
@@ -32,6 +32,7 @@ from ..console.options import (
     loop_options,
     loop_plan,
     output_options,
+    together,
 )
 from ..console.tables import print_table
 from ..console.terminal import progress_bar, show_warnings
@@ -43,19 +44,15 @@ if TYPE_CHECKING:
     from trunk_studies.statistics import PairedDifference
     from trunk_studies.tuning.methods import Relay
 
-    from ..console.study_documents import StudySearchResult
+    from ..console.tune_document import StudySearchResult
 
 
-def _options(function: Any) -> Any:
-    """Add the options of every method: plant, profile, rate, and the output file."""
-    options = [
-        output_options("The ROS 2 parameter file to write, for --params or --params-file."),
-        loop_options,
-        json_option("trunk_experiments.console.study_documents:TuneResult"),
-    ]
-    for option in reversed(options):
-        function = option(function)
-    return function
+# Of every method: plant, profile, rate, and the output file.
+_options = together(
+    output_options("The ROS 2 parameter file to write, for --params or --params-file."),
+    loop_options,
+    json_option("trunk_experiments.console.tune_document:TuneResult"),
+)
 
 
 def _of_plant(unit: str) -> Callable[[Mapping[str, Any]], str]:
@@ -70,7 +67,7 @@ def _of_plant(unit: str) -> Callable[[Mapping[str, Any]], str]:
     return chosen
 
 
-def _largest(name: str, default: float, text: str, unit: str) -> Callable[[Function], Function]:
+def _largest(name: str, default: float, text: str, unit: str) -> Option:
     """Add an option for a largest acceptable value; its range keeps the Riccati equation solvable."""
     kind = FiniteRange(1e-6, 1e6, unit=_of_plant(unit))
     words = f"{text}, {unit}{' on the trunk' if 'm' in unit else ''}."
@@ -235,7 +232,7 @@ def optimise_command(
     from trunk_studies.study import read_study
     from trunk_studies.tuning.search import Optimum, search
 
-    from ..console.study_documents import SearchResult
+    from ..console.tune_document import SearchResult
 
     _check(options)
     how: dict[str, Any] = {}
@@ -322,7 +319,7 @@ def _finish(
         write(options["output"], {name: values})
     if options["as_json"]:
         show_warnings(margin_warnings(tuned, margins))
-        from ..console.study_documents import TuneResult
+        from ..console.tune_document import TuneResult
 
         rate = plan.controller.update_rate
         write_json(TuneResult(name, options["output"], values, rate, margins, **(how or {})))
@@ -400,7 +397,7 @@ def _show_learned(learned: Learned, metric: str, seed: int) -> None:
 
 def _study_result(learned: Learned, source: str, metric: str, seed: int) -> StudySearchResult:
     """Return the same for the document."""
-    from ..console.study_documents import LearnedDifference, StudySearchResult
+    from ..console.tune_document import LearnedDifference, StudySearchResult
 
     rows = [
         LearnedDifference(d.second, d.pairs, d.mean_with_bounds, d.verdict)

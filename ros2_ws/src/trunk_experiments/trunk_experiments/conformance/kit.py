@@ -20,18 +20,20 @@ from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from trunk_core.arrays import Floats
+from trunk_core.c.types import UntranslatableError
 from trunk_core.errors import PlanError, TrunkError
 from trunk_core.parameters.declarations import Declaration, declarations
 from trunk_core.results import OMITTED, Named
+from trunk_evidence.judgement import VERIFIED, verify
 from trunk_evidence.recorded_run import RecordedRun
 from trunk_evidence.run_table import RunTable
 from trunk_recording.reader import Recording
 from trunk_runs.engine import states_of_run
-from trunk_runs.offline_recording import record_states
+from trunk_runs.offline_recording import record_offline, record_states
 from trunk_runs.plan import RunPlan
 from trunk_sim.simulation import DivergedError
 from trunk_studies.batch.block import RunSummary, regular_run, run_block, summary_of
-from trunk_studies.batch.compiled_run import Batch, Outcome
+from trunk_studies.batch.compiled_run import NotCompiledWarning, Outcome, run_compiled
 from trunk_studies.batch.lanes import LANES, TRACED
 
 Plugin = TypeVar("Plugin")
@@ -40,11 +42,11 @@ Plugin = TypeVar("Plugin")
 class Finding(NamedTuple):
     """A breach of the contract by a plug-in, or a note about it."""
 
-    check: Annotated[str, OMITTED]
     function: Annotated[str, "MODULE.FUNCTION"]
     problem: Annotated[str, Named("what"), "With the input that shows it"]
     advice: Annotated[str, "What to do"]
     note: Annotated[bool, "To know, not to mend"] = False
+    check: Annotated[str, OMITTED] = ""  # whose it is; filled in by `Check.run`
 
     def line(self) -> str:
         """Return it as one line."""
@@ -57,7 +59,11 @@ class Check(Generic[Plugin]):
 
     name: str
     asserts: str
-    run: Callable[[Plugin], Iterator[Finding]]
+    finds: Callable[[Plugin], Iterator[Finding]]
+
+    def run(self, plugin: Plugin) -> Iterator[Finding]:
+        """Yield its findings on a plug-in."""
+        return (finding._replace(check=self.name) for finding in self.finds(plugin))
 
 
 @dataclass(frozen=True)
@@ -85,7 +91,7 @@ class Kit(Generic[Plugin]):
             if lines:
                 where += f", line {lines[-1]}"
             advice = f"a {self.noun} never raises"
-            return [Finding(check.name, where, f"raises {reason}", advice)]
+            return [Finding(where, f"raises {reason}", advice, check=check.name)]
 
     def conformance(
         self, name: str, checks: Sequence[Check[Plugin]] | None = None
@@ -129,22 +135,16 @@ def bounded(config: type[Any], shared: type[Any]) -> Iterator[Finding]:
     for name, declared in own_parameters(config, shared).items():
         where = f"{name_of(config)} {name}"
         if not declared.description.strip():
-            yield Finding("declared", where, "has no description", "say in a phrase what it is")
+            yield Finding(where, "has no description", "say in a phrase what it is")
         if isinstance(declared.default, str | bool | tuple) and not isinstance(
             next(iter(numbers_in(declared.default)), None), float
         ):
             continue
         limited_below = declared.minimum is not None or declared.above is not None
         if not declared.unbounded and not (limited_below and declared.maximum is not None):
-            yield Finding("declared", where, "has no bounds", "give minimum or above, and maximum")
+            yield Finding(where, "has no bounds", "give minimum or above, and maximum")
         if not declared.unit and isinstance(declared.default, float):
-            yield Finding(
-                "declared",
-                where,
-                "has no unit",
-                "give unit=..., in SI; none for a ratio",
-                note=True,
-            )
+            yield Finding(where, "has no unit", "give unit=..., in SI; none for a ratio", note=True)
 
 
 def fastest_us(call: Callable[[Any], object], inputs: Sequence[Any]) -> float:
@@ -160,34 +160,29 @@ def fastest_us(call: Callable[[Any], object], inputs: Sequence[Any]) -> float:
 
 def recomputes(plan: RunPlan, where: str, advice: str) -> Iterator[Finding]:
     """Yield a finding where a recorded run differs from its recomputation."""
-    from trunk_evidence.judgement import VERIFIED, verify
-    from trunk_runs.offline_recording import record_offline
-
     with TemporaryDirectory(prefix="trunk-check-") as folder:
         path = Path(folder) / "run.mcap"
         try:
             record_offline(plan, path)
             verdict = verify(Recording.open(path))
         except TrunkError as error:
-            yield Finding("replay", where, str(error), "see the other findings")
+            yield Finding(where, str(error), "see the other findings")
             return
     if verdict.exit_code != VERIFIED:
         said = "; ".join(verdict.reasons)
-        yield Finding(
-            "replay", where, f"trunk verify does not verify a run with it: {said}", advice
-        )
+        yield Finding(where, f"trunk verify does not verify a run with it: {said}", advice)
 
 
 _IN_LANES = ("x", "theta", "x_dot", "theta_dot", "reference", "torque")
 
 
-def first_difference(plan: RunPlan, batch: Batch) -> str | None:
+def first_difference(plan: RunPlan) -> str | None:
     """Return the first difference of a plan's compiled and interpreted runs; None if all bits are equal.
 
     A plan that both refuse with the same message counts as equal.
     """
     try:
-        outcome = batch.run(plan)
+        outcome = run_compiled(plan)
     except PlanError as error:
         return _refusal_difference(plan, str(error))
     diverged = False
@@ -234,7 +229,7 @@ def lane_difference(plan: RunPlan, outcome: Outcome) -> str | None:
     for columns in lanes:
         if difference := column_difference(outcome.table, columns):
             return f"{plan.scenario}: in a lane: {difference}"
-    alone = summary_of(plan, Batch())
+    alone = summary_of(plan)
     return None if summary == alone else f"{plan.scenario}: {summary} in a lane, {alone} alone"
 
 
@@ -268,15 +263,12 @@ def _refusal_difference(plan: RunPlan, reason: str) -> str | None:
 
 def compiles(plan: RunPlan, where: str, slower: Callable[[], str]) -> Iterator[Finding]:
     """Yield a finding where compiled code differs from CPython; note what numba refuses, and the cost."""
-    from trunk_studies.batch.compiled_run import Batch, NotCompiledWarning
-
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        difference = first_difference(plan, Batch())
+        difference = first_difference(plan)
         refused = [w.message for w in caught if isinstance(w.message, NotCompiledWarning)]
         if refused:
             yield Finding(
-                "compiled",
                 where,
                 f"not compilable: {refused[0].reason}",
                 f"sweeps will use CPython, {slower()}",
@@ -284,11 +276,20 @@ def compiles(plan: RunPlan, where: str, slower: Callable[[], str]) -> Iterator[F
             )
     if difference is not None:
         yield Finding(
-            "compiled",
             where,
             f"compiled code and CPython differ: {difference}",
             "compare with <, >, if; min, max and ** differ for NaN and -0.0",
         )
+
+
+def untranslated(error: UntranslatableError, refuses: str) -> Finding:
+    """Return a note on what the translator to C refuses: function, line and expression, and the cure."""
+    return Finding(
+        f"{error.function}, line {error.line}",
+        f"{error.text}: {error.problem}",
+        f"{error.remedy}; until then {refuses}",
+        note=True,
+    )
 
 
 ALONE = "until then sweeps make its runs one after another, more slowly"
@@ -296,14 +297,11 @@ ALONE = "until then sweeps make its runs one after another, more slowly"
 
 def runs_in_lanes(plan: RunPlan, where: str) -> Iterator[Finding]:
     """Yield a finding where a run in a lane has other bits than alone; note one that is in no lane."""
-    from trunk_studies.batch.compiled_run import Batch, NotCompiledWarning
-
     if lane_columns(plan) is None:
         problem = f"the {plan.scenario}'s run leaves its lane: numba refuses it, or it holds"
-        yield Finding("lanes", where, problem, f"see the other findings; {ALONE}", note=True)
+        yield Finding(where, problem, f"see the other findings; {ALONE}", note=True)
         return
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotCompiledWarning)  # `compiles` notes it
-        batch = Batch()
-        if difference := lane_difference(plan, batch.run(plan)):
-            yield Finding("lanes", where, difference, "compare with <, >, if; not with min, max")
+        if difference := lane_difference(plan, run_compiled(plan)):
+            yield Finding(where, difference, "compare with <, >, if; not with min, max")

@@ -23,7 +23,9 @@ from trunk_control.law import (
     unchanged,
 )
 from trunk_control.laws import law_named
+from trunk_core.c.types import UntranslatableError
 from trunk_core.elementary import LARGEST_ANGLE, cos, sin, sincos
+from trunk_core.errors import PlanError
 from trunk_core.parameters.declarations import (
     Declaration,
     ParameterError,
@@ -35,6 +37,8 @@ from trunk_core.parameters.declarations import (
 )
 from trunk_core.parameters.parameter_files import ParameterFileError, read
 from trunk_runs.plan import RunPlan, make_plan
+from trunk_studies.batch.compiled_run import run_compiled
+from trunk_studies.batch.lanes import without_row
 
 from .kit import (
     ALONE,
@@ -49,6 +53,7 @@ from .kit import (
     own_parameters,
     recomputes,
     runs_in_lanes,
+    untranslated,
 )
 from .purity import Contract, functions_from, source_checks
 
@@ -127,7 +132,6 @@ def named(law: Law) -> Iterator[Finding]:
     for name in law.terms._fields:
         if name in ("reference", "measurement"):
             yield Finding(
-                "names",
                 name_of(law.terms),
                 f"has a field {name!r}, which every record already has",
                 "leave it out or rename it",
@@ -135,7 +139,6 @@ def named(law: Law) -> Iterator[Finding]:
     missing = [name for name in law.terms._fields[:-3] if name not in law.units]
     if missing:
         yield Finding(
-            "names",
             name_of(law.terms),
             f"{', '.join(missing)}: without a unit",
             "give it in Law(units=...), an empty one for a ratio",
@@ -153,7 +156,7 @@ def in_default_file(law: Law) -> Iterator[Finding]:
     try:
         layer = read(path)
     except ParameterFileError as error:
-        yield Finding("defaults", str(path), str(error), "correct the file, or delete it")
+        yield Finding(str(path), str(error), "correct the file, or delete it")
         return
     sections = [section for section in layer.sections if section.last_token == law.name]
     if not sections:
@@ -164,18 +167,14 @@ def in_default_file(law: Law) -> Iterator[Finding]:
     for name in given:
         if name not in known and not table_of(name, known):
             advice = f"rename or remove it: the law has {', '.join(_own(law)) or 'none of its own'}"
-            yield Finding(
-                "defaults", str(path), f"sets {name}, which the law does not declare", advice
-            )
+            yield Finding(str(path), f"sets {name}, which the law does not declare", advice)
     for name, declared in _own(law).items():
         where = f"{name}, default {declared.default}"
         if name not in covered:
-            yield Finding("defaults", str(path), f"lacks {where}", "add it, or delete the file")
+            yield Finding(str(path), f"lacks {where}", "add it, or delete the file")
         elif isinstance(given.get(name), int | float) and given[name] != declared.default:
             problem = f"has {name}: {given[name]}, the law's default is {declared.default}"
-            yield Finding(
-                "defaults", str(path), problem, "write the law's value, if that is meant", note=True
-            )
+            yield Finding(str(path), problem, "write the law's value, if that is meant", note=True)
 
 
 def _own(law: Law) -> dict[str, Declaration]:
@@ -213,7 +212,7 @@ def types(law: Law) -> Iterator[Finding]:
     sample = swinging(DT)[0]
     returned = law.update(driven.memory, sample, driven.constants, driven.limits)
     if not (type(returned) is tuple and len(returned) == 2):
-        yield Finding("types", update, f"returns {returned!r}", "return (memory, terms)")
+        yield Finding(update, f"returns {returned!r}", "return (memory, terms)")
         return
     terms = law.terms(*(False if field == "held" else 0.0 for field in law.terms._fields))
     for part, record, declared in zip(
@@ -221,7 +220,6 @@ def types(law: Law) -> Iterator[Finding]:
     ):
         if type(record) is not type(declared):
             yield Finding(
-                "types",
                 update,
                 f"returns a {type(record).__name__} as {part}",
                 f"return the {type(declared).__name__} that the law declares",
@@ -229,7 +227,7 @@ def types(law: Law) -> Iterator[Finding]:
             continue
         for problem, kind in _mistyped(record, declared, part):
             advice = f"it is declared as {kind}; compiled code needs one type"
-            yield Finding("types", update, problem, advice)
+            yield Finding(update, problem, advice)
 
 
 def _mistyped(value: Any, declared: Any, name: str) -> Iterator[tuple[str, str]]:
@@ -254,16 +252,12 @@ def pure(law: Law) -> Iterator[Finding]:
     first = driven.run(samples)
     if repr(before) != repr((law.memory, driven.constants)):
         yield Finding(
-            "pure",
-            update,
-            "changes the memory or the constants that it is given",
-            "return new ones",
+            update, "changes the memory or the constants that it is given", "return new ones"
         )
     Driven(law).run(swinging(0.7, amplitude=1.1))
     for k, (terms, repeated) in enumerate(zip(first, Driven(law).run(samples), strict=True)):
         if repr(terms) != repr(repeated):
             yield Finding(
-                "pure",
                 update,
                 f"sample {k} of the same series gives {terms!r} once and {repeated!r} later",
                 "take everything from memory, sample, constants and limits",
@@ -283,7 +277,6 @@ def finite_always(law: Law) -> Iterator[Finding]:
             terms = driven.update(sample)
         except Exception as error:
             yield Finding(
-                "finite",
                 update,
                 f"{given(sample)} raises {type(error).__name__}: {error}",
                 "test `usable` first, and hold",
@@ -291,7 +284,6 @@ def finite_always(law: Law) -> Iterator[Finding]:
             return
         if not (finite(driven.memory) and finite((terms.effort,))):
             yield Finding(
-                "finite",
                 update,
                 f"{given(sample)} gives effort {terms.effort!r}, memory {tuple(driven.memory)!r}",
                 f"hold where a result is not finite: {hold}",
@@ -315,7 +307,6 @@ def holds(law: Law) -> Iterator[Finding]:
             if not driven.config.uses_rate and finite(sample[:2]) and sample.dt > 0.0:
                 continue  # a law that ignores the rate may go on
             yield Finding(
-                "holds",
                 update,
                 f"{given(sample)} gives held = {terms.held}, effort {terms.effort!r}, and "
                 f"{'the same' if repr(driven.memory) == repr(before) else 'another'} memory",
@@ -333,7 +324,6 @@ def within_limits(law: Law) -> Iterator[Finding]:
             terms = driven.update(sample)
             if not -limit <= terms.effort <= limit:
                 yield Finding(
-                    "limits",
                     update,
                     f"{given(sample)} within +-{limit:g} N m gives effort {terms.effort!r}",
                     "effort = limited(unsaturated, limits)",
@@ -344,7 +334,6 @@ def within_limits(law: Law) -> Iterator[Finding]:
                 or driven.memory.effort != terms.effort
             ):
                 yield Finding(
-                    "limits",
                     update,
                     f"{given(sample)} gives unsaturated {terms.unsaturated!r}, effort {terms.effort!r}, "
                     f"memory.effort {driven.memory.effort!r}",
@@ -358,7 +347,6 @@ def quick(law: Law) -> Iterator[Finding]:
     took = fastest_us(Driven(law).update, swinging(0.2))
     if took > SLOWEST_US:
         yield Finding(
-            "quick",
             name_of(law.update),
             f"an update takes {took:.0f} us at best, {SLOWEST_US:.0f} us is allowed",
             "move what does not depend on the sample into the configuration's constants",
@@ -381,7 +369,6 @@ def reset(law: Law) -> Iterator[Finding]:
     if efforts[0] != efforts[1]:
         k = next(k for k, (a, b) in enumerate(zip(*efforts, strict=True)) if a != b)
         yield Finding(
-            "reset",
             name_of(law.update),
             f"update {k} after a reset gives {efforts[0][k]!r}, a new controller's {efforts[1][k]!r}",
             "keep nothing outside the memory",
@@ -402,7 +389,6 @@ def transfers(law: Law) -> Iterator[Finding]:
             )
             if abs(answer.effort - last) > step * (1.0 + 1e-12):
                 yield Finding(
-                    "transfer",
                     name_of(law.transfer),
                     f"from {last:g} N m its command is {answer.effort!r} N m, one step may be {step:g} N m",
                     "keep to the limits given, which are narrowed during a bumpless transfer",
@@ -422,7 +408,6 @@ def reconfigures(law: Law) -> Iterator[Finding]:
     same = law.reconfigure(driven.memory, steady(1)[0], driven.constants, driven.constants)
     if repr(same) != repr(driven.memory):
         yield Finding(
-            "reconfigure",
             where,
             f"unchanged constants change the memory from {driven.memory!r} to {same!r}",
             "return the memory",
@@ -445,7 +430,6 @@ def reconfigures(law: Law) -> Iterator[Finding]:
         )
         if not taken <= left * (1.0 + 1e-9) + 1e-9:
             yield Finding(
-                "reconfigure",
                 where,
                 f"{name} = {1.25 * value:g} moves the command by {taken:.3g} N m at once, "
                 f"by {left:.3g} N m with the memory left alone",
@@ -479,7 +463,6 @@ def keeps_time(law: Law) -> Iterator[Finding]:
     coarse, fine = efforts
     if abs(fine - coarse) > 0.05 * (abs(coarse) + 1.0):
         yield Finding(
-            "time",
             name_of(law.update),
             f"0.5 s at an error of 0.2 rad give {coarse:.6g} N m with dt = {DT:g} s, {fine:.6g} N m with "
             f"dt = {DT / 5.0:g} s",
@@ -514,18 +497,15 @@ def compiled(law: Law) -> Iterator[Finding]:
 
 def in_lanes(law: Law) -> Iterator[Finding]:
     """Yield a finding where a run in a lane has other bits than alone; note what keeps it from lanes."""
-    from trunk_studies.batch.lanes import without_row
-
     if strange := without_row(law.memory):
         advice = f"remember numbers, flags and tuples of them; {ALONE}"
-        yield Finding("lanes", name_of(type(law.memory)), strange, advice, note=True)
+        yield Finding(name_of(type(law.memory)), strange, advice, note=True)
         return
     yield from runs_in_lanes(short_plan(law), name_of(law.update))
 
 
 def linearises(law: Law) -> Iterator[Finding]:
     """Note why a law has no linear model: no margins, no Floquet multipliers."""
-    from trunk_core.errors import PlanError
     from trunk_studies.tuning.linear import law_slopes
 
     config = law.config()
@@ -533,34 +513,23 @@ def linearises(law: Law) -> Iterator[Finding]:
         law_slopes(law, config.constants, config.limits, DT, [STILL])
     except PlanError as error:
         advice = "until then trunk margins refuses it, and trunk study map draws no multipliers"
-        yield Finding("linear", name_of(law.update), str(error), advice, note=True)
+        yield Finding(name_of(law.update), str(error), advice, note=True)
 
 
 def exports(law: Law) -> Iterator[Finding]:
     """Note what the translator to C refuses: its function, line and expression, and what to write instead."""
-    from trunk_core.c.types import UntranslatableError
-
-    from ..export_c.exported_controller import ExportedController
+    from ..export_c.library import ExportedController
 
     try:
         ExportedController(law, law.config())
     except UntranslatableError as error:
-        yield Finding(
-            "exportable",
-            f"{error.function}, line {error.line}",
-            f"{error.text}: {error.problem}",
-            f"{error.remedy}; until then trunk export-c refuses it",
-            note=True,
-        )
+        yield untranslated(error, "trunk export-c refuses it")
 
 
 def _seconds(plan: RunPlan) -> float:
-    from trunk_studies.batch.compiled_run import Batch
-
-    batch = Batch()
-    batch.run(plan)
+    run_compiled(plan)
     begun = process_time()
-    batch.run(plan)
+    run_compiled(plan)
     return process_time() - begun
 
 

@@ -28,6 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trunk_control.pid import PidConfig
+from trunk_core.c.types import UntranslatableError
 from trunk_core.parameters.declarations import (
     Declaration,
     ParameterError,
@@ -54,6 +55,7 @@ from .kit import (
     own_parameters,
     recomputes,
     runs_in_lanes,
+    untranslated,
 )
 from .purity import Contract, source_checks
 
@@ -114,7 +116,6 @@ def declares(plant: Plant) -> Iterator[Finding]:
         name = member.metadata["declaration"].name
         if member.name in simulators or (member.name not in shared and name in taken):
             yield Finding(
-                "declared",
                 f"{name_of(plant.config)}.{member.name}",
                 f"{name} has the name of a parameter of the simulator, which hides it",
                 "rename field and parameter: plant.NAME",
@@ -130,14 +131,13 @@ def types(plant: Plant) -> Iterator[Finding]:
     constants = constants_of(plant)
     if not hasattr(constants, "_fields"):
         advice = "return a NamedTuple of floats"
-        yield Finding("types", name_of(plant.config), f"has the constants {constants!r}", advice)
+        yield Finding(name_of(plant.config), f"has the constants {constants!r}", advice)
         return
     for name, value in constants._asdict().items():
         if value is None or type(value) is float:
             continue
         if type(value) is not tuple or any(type(number) is not float for number in value):
             yield Finding(
-                "types",
                 name_of(type(constants)),
                 f"{name} = {value!r} is {type(value).__name__}",
                 "give a float, a tuple of floats or None: compiled code needs one type",
@@ -147,7 +147,6 @@ def types(plant: Plant) -> Iterator[Finding]:
         kinds = [type(number) for number in result] if type(result) is tuple else []
         if kinds != [float, float]:
             yield Finding(
-                "types",
                 name_of(function),
                 f"returns {result!r}",
                 "return (x_ddot, theta_ddot), two floats: 0.0, not 0",
@@ -156,7 +155,7 @@ def types(plant: Plant) -> Iterator[Finding]:
         plant.energy is not None
         and type(joule := plant.energy(plant.start, constants)) is not float
     ):
-        yield Finding("types", name_of(plant.energy), f"returns {joule!r}", "return a float, J")
+        yield Finding(name_of(plant.energy), f"returns {joule!r}", "return a float, J")
 
 
 def pure(plant: Plant) -> Iterator[Finding]:
@@ -165,13 +164,13 @@ def pure(plant: Plant) -> Iterator[Finding]:
     before, given = copy.deepcopy(constants), random_states(3.0, 10.0, 10.0, 200)
     first = [repr(plant.accelerations(*each, constants)) for each in given]
     if repr(before) != repr(constants):
-        yield Finding("pure", where, "changes the constants that it is given", "leave them alone")
+        yield Finding(where, "changes the constants that it is given", "leave them alone")
         return
     again = [repr(plant.accelerations(*each, constants)) for each in reversed(given)][::-1]
     for each, early, late in zip(given, first, again, strict=True):
         if early != late:
             problem = f"{each} gives {early} once and {late} later"
-            yield Finding("pure", where, problem, CONTRACT.keep)
+            yield Finding(where, problem, CONTRACT.keep)
             return
 
 
@@ -183,14 +182,14 @@ def finite_always(plant: Plant) -> Iterator[Finding]:
         result = _result(plant, given, constants)
         if isinstance(result, str) or not finite(result):
             advice = "nothing that is divided by may become 0 in a state that the plant can reach"
-            yield Finding("finite", where, f"{given} {_gives(result)}", advice)
+            yield Finding(where, f"{given} {_gives(result)}", advice)
             return
     for numbers in product(_EXTREMES, repeat=6):
         given = Given(PlantState(*numbers[:4]), *numbers[4:])
         result = _result(plant, given, constants)
         if isinstance(result, str):
             advice = "let NaN through: test with <, >, and divide by nothing that may be 0"
-            yield Finding("finite", where, f"{given} {result}", advice)
+            yield Finding(where, f"{given} {result}", advice)
             return
     for name, declared in _own(plant).items():
         for bound in _bounds(declared):
@@ -201,7 +200,7 @@ def finite_always(plant: Plant) -> Iterator[Finding]:
             result = _result(plant, usual[0], config.constants)
             if isinstance(result, str):
                 advice = f"give {name} a minimum that keeps what is divided by away from 0"
-                yield Finding("finite", where, f"{name} = {bound!r} {result}", advice)
+                yield Finding(where, f"{name} = {bound!r} {result}", advice)
 
 
 def _result(plant: Plant, given: Given, constants: Any) -> tuple[float, float] | str:
@@ -253,12 +252,11 @@ def takes_forces(plant: Plant) -> Iterator[Finding]:
         if not np.all(np.abs(off) <= 1e-9 * scale.max()):
             problem = f"{at} the accelerations are not affine in the forces"
             advice = "multiply and divide forces by what depends on the state alone"
-            yield Finding("forces", where, problem, advice)
+            yield Finding(where, problem, advice)
             return
         matrix = f"{at} a unit of each force gives {r.tolist()}"
         if abs(r[0, 1] - r[1, 0]) > 1e-9 * np.abs(r).max() + 1e-15 * np.abs(free).max():
             yield Finding(
-                "forces",
                 where,
                 f"{matrix}, which is not symmetric",
                 "take the forces on the coordinates themselves (work is F x + tau theta), and look for a "
@@ -267,7 +265,6 @@ def takes_forces(plant: Plant) -> Iterator[Finding]:
             return
         if not (r[0, 0] > 0.0 and r[1, 1] > 0.0 and r[0, 0] * r[1, 1] > r[0, 1] * r[1, 0]):
             yield Finding(
-                "forces",
                 where,
                 f"{matrix}, which is not positive definite",
                 "a force accelerates its own coordinate forwards: look for a wrong sign",
@@ -281,7 +278,6 @@ def rests(plant: Plant) -> Iterator[Finding]:
     result = plant.accelerations(rest, 0.0, 0.0, constants)
     if any(rest[2:]) or not all(abs(number) <= 1e-9 for number in result):
         yield Finding(
-            "rest",
             name_of(plant.accelerations),
             f"at rest, {tuple(rest)}, the accelerations are {result!r}",
             "give Plant(rest=...) an equilibrium, with rates of 0; level= the constants that it has there",
@@ -294,7 +290,6 @@ def raises_the_angle(plant: Plant) -> Iterator[Finding]:
     gain = float(responses(plant, rest, constants)[1, plant.drive])
     if not gain > 0.0:
         yield Finding(
-            "sign",
             name_of(plant.accelerations),
             f"at rest a positive command accelerates the {plant.coordinates[1].joint} by {gain:g} rad/s^2 "
             f"per {plant.driven.effort_unit}",
@@ -314,18 +309,18 @@ def keeps_energy(plant: Plant) -> Iterator[Finding]:
     energy, where = plant.energy, name_of(plant.accelerations)
     if energy is None:
         problem = "has no energy, by which wrong equations would be found"
-        yield Finding("energy", where, problem, "give Plant(energy=...)", note=True)
+        yield Finding(where, problem, "give Plant(energy=...)", note=True)
         return
     constants = constants_of(plant)
     for used in (constants, _switched_on(plant)):
         gained, lost = _unexplained(plant, energy, used)
         if gained:
             advice = "look for a wrong sign or factor: energy() and accelerations() disagree"
-            yield Finding("energy", where, f"{gained}, with {used}", advice)
+            yield Finding(where, f"{gained}, with {used}", advice)
             return
         if lost and used is constants:
             advice = "if that is friction, it is as meant; if not, look for a wrong sign or factor"
-            yield Finding("energy", where, lost, advice, note=True)
+            yield Finding(where, lost, advice, note=True)
             return
     yield from _drifts(plant, energy, constants)
 
@@ -394,7 +389,6 @@ def _drifts(
     )
     if not drift <= 1e-8:
         yield Finding(
-            "energy",
             name_of(plant.accelerations),
             f"in {seconds:g} s without forces at steps of 1 ms it drifts by {drift:.2g} of its value",
             "integrate it in shorter steps: simulator.substeps in its scenario",
@@ -416,7 +410,6 @@ def linearises(plant: Plant) -> Iterator[Finding]:
         row, column = np.unravel_index(int(off.argmax()), off.shape)
         over, of = PlantState._fields[column], ("x_ddot", "theta_ddot")[int(row) - 2]
         yield Finding(
-            "linear",
             where,
             f"at rest the slope of {of} over {over} depends on the step of its difference",
             "leave out what has no slope there: Coulomb friction belongs to actuator.coulomb_friction",
@@ -424,7 +417,7 @@ def linearises(plant: Plant) -> Iterator[Finding]:
     elif not controllable(a, b):
         problem = "at rest the command does not control both coordinates"
         advice = "to know: no gains of state_feedback hold both"
-        yield Finding("linear", where, problem, advice, note=True)
+        yield Finding(where, problem, advice, note=True)
 
 
 def is_drawn(plant: Plant) -> Iterator[Finding]:
@@ -432,7 +425,7 @@ def is_drawn(plant: Plant) -> Iterator[Finding]:
     where = f"{plant.name}: Plant.picture"
     problems = _misnamed(plant)
     for problem, advice in problems or _misplaced(plant):
-        yield Finding("picture", where, problem, advice)
+        yield Finding(where, problem, advice)
 
 
 def _misnamed(plant: Plant) -> list[tuple[str, str]]:
@@ -534,7 +527,6 @@ def quick(plant: Plant) -> Iterator[Finding]:
     took = fastest_us(lambda each: plant.accelerations(each[0], each[1], each[2], constants), given)
     if took > SLOWEST_US:
         yield Finding(
-            "quick",
             name_of(plant.accelerations),
             f"takes {took:.0f} us at best, {SLOWEST_US:.0f} us are allowed",
             "move what does not depend on the state into the configuration's constants",
@@ -579,32 +571,24 @@ def recomputed(plant: Plant) -> Iterator[Finding]:
 
 def exports(plant: Plant) -> Iterator[Finding]:
     """Yield a finding where its C gives other bits; note what keeps it from C, or from the comparison."""
-    from trunk_core.c.types import UntranslatableError
-
     constants, where = constants_of(plant), name_of(plant.accelerations)
     try:
         text = c_text(plant, constants)
     except UntranslatableError as error:
-        yield Finding(
-            "exportable",
-            f"{error.function}, line {error.line}",
-            f"{error.text}: {error.problem}",
-            f"{error.remedy}; until then trunk lab and --device cuda refuse it",
-            note=True,
-        )
+        yield untranslated(error, "trunk lab and --device cuda refuse it")
         return
     given = random_states(10.0, 100.0, 1e3, _STATES)
     try:
         results = _by_c(text, given)
     except OSError as error:
         problem = f"its C was not compared with CPython: {error}"
-        yield Finding("exportable", where, problem, "install gcc or clang, or set CC", note=True)
+        yield Finding(where, problem, "install gcc or clang, or set CC", note=True)
         return
     for each, numbers in zip(given, results, strict=True):
         expected = plant.accelerations(*each, constants)
         if not all(map(_same_bits, numbers, expected)):
             problem = f"{each} gives {numbers!r} in C, {expected!r} in CPython"
-            yield Finding("exportable", where, problem, "compare with <, >, if; not with min, max")
+            yield Finding(where, problem, "compare with <, >, if; not with min, max")
             return
 
 

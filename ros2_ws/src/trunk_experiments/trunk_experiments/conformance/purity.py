@@ -25,6 +25,7 @@ _BUILTINS = {
     *("abs", "bool", "divmod", "enumerate", "float", "int", "len", "max", "min", "range", "round"),
     *("tuple", "zip", "isinstance", "all", "any", "True", "False", "None"),
 }
+_PORTABLE = "portable"
 _OURS = ("trunk_control.", "trunk_core.")
 
 
@@ -58,12 +59,11 @@ def _pure(roots: Sequence[object], contract: Contract) -> Iterator[Finding]:
     for root in roots:
         if not isinstance(root, FunctionType):
             yield Finding(
-                "source",
                 repr(root),
                 f"is a {type(root).__name__}",
                 "a plain function is needed: its source is hashed, compiled and checked",
             )
-    yield from _problems_in(roots, contract, "source")
+    yield from _problems_in(roots, contract, portable=False)
 
 
 def source_checks(
@@ -76,35 +76,35 @@ def source_checks(
         lambda plugin: _pure(roots_of(plugin), contract),
     )
     yield Check(
-        "portable",  # no function whose rounding depends on the machine's mathematical library
+        _PORTABLE,  # no function whose rounding depends on the machine's mathematical library
         "the same bits on every machine",
-        lambda plugin: _problems_in(roots_of(plugin), contract, "portable"),
+        lambda plugin: _problems_in(roots_of(plugin), contract, portable=True),
     )
 
 
-def _problems_in(roots: Sequence[object], contract: Contract, check: str) -> Iterator[Finding]:
+def _problems_in(roots: Sequence[object], contract: Contract, portable: bool) -> Iterator[Finding]:
     for function in functions_from(roots):
         for problem in problems(function, contract):
-            if problem.check == check:
+            if (problem.check == _PORTABLE) == portable:
                 yield problem
 
 
 def problems(function: FunctionType, contract: Contract) -> Iterator[Finding]:
-    """Yield what a function does that a pure and portable one does not."""
+    """Yield what a function does that a pure and portable one does not; of the latter, so marked."""
     if function.__module__.startswith(_OURS):
         return
     where = name_of(function)
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
     except (OSError, SyntaxError):
-        yield Finding("source", where, "has no source that can be read", "define it in a file")
+        yield Finding(where, "has no source that can be read", "define it in a file")
         return
     for cell in function.__closure__ or ():
         if isinstance(cell.cell_contents, list | dict | set):
-            yield Finding("source", where, "keeps a mutable object in its closure", contract.keep)
+            yield Finding(where, "keeps a mutable object in its closure", contract.keep)
     for value in function.__defaults__ or ():
         if isinstance(value, list | dict | set):
-            yield Finding("source", where, f"has the mutable default {value!r}", contract.keep)
+            yield Finding(where, f"has the mutable default {value!r}", contract.keep)
     reported = set()
     whole = tree.body[0]
     # Annotations and decorators do not run with it.
@@ -120,14 +120,12 @@ def _of_node(
     node: ast.AST, function: FunctionType, where: str, contract: Contract
 ) -> Iterator[Finding]:
     if isinstance(node, ast.Global | ast.Nonlocal):
-        yield Finding(
-            "source", where, f"changes {', '.join(node.names)} outside itself", contract.keep
-        )
+        yield Finding(where, f"changes {', '.join(node.names)} outside itself", contract.keep)
     elif isinstance(node, ast.Import | ast.ImportFrom):
-        yield Finding("source", where, "imports while it runs", "import at the top of the module")
+        yield Finding(where, "imports while it runs", "import at the top of the module")
     elif isinstance(node, ast.Attribute | ast.Subscript) and isinstance(node.ctx, ast.Store):
         target = ast.unparse(node)
-        yield Finding("source", where, f"writes to {target}", contract.keep)
+        yield Finding(where, f"writes to {target}", contract.keep)
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
         yield from _power(node, node.left, node.right, where, contract)
     elif isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Pow):
@@ -147,7 +145,7 @@ def _power(
     if isinstance(times, int | float) and times in (2, 3, 4):
         factor = ast.unparse(base) if isinstance(base, ast.Constant) else f"({ast.unparse(base)})"
         advice = f"write {' * '.join([factor] * int(times))}"
-    yield Finding("portable", where, f"computes {ast.unparse(node)}", advice)
+    yield Finding(where, f"computes {ast.unparse(node)}", advice, check=_PORTABLE)
 
 
 def _of_value(
@@ -159,10 +157,7 @@ def _of_value(
     shown = ast.unparse(node)
     if isinstance(value, list | dict | set | bytearray):
         yield Finding(
-            "source",
-            where,
-            f"uses {shown}, a {type(value).__name__} that may change",
-            contract.keep,
+            where, f"uses {shown}, a {type(value).__name__} that may change", contract.keep
         )
         return
     if isinstance(value, ModuleType | type):
@@ -170,27 +165,23 @@ def _of_value(
     module = getattr(value, "__module__", None) or ""
     if getattr(builtins, getattr(value, "__name__", ""), None) is value:
         if shown not in _BUILTINS:
-            yield Finding(
-                "source", where, f"calls {shown}", f"a {contract.noun} computes, and nothing else"
-            )
+            yield Finding(where, f"calls {shown}", f"a {contract.noun} computes, and nothing else")
     elif module == "math" or getattr(math, shown.rsplit(".", 1)[-1], None) is value:
         if shown.rsplit(".", 1)[-1] not in _EXACT and callable(value):
-            yield Finding("portable", where, f"calls {shown}", contract.portable)
+            yield Finding(where, f"calls {shown}", contract.portable, check=_PORTABLE)
     elif module.split(".")[0] == "numpy" or type(value).__module__.split(".")[0] == "numpy":
         if callable(value):
-            yield Finding("portable", where, f"calls {shown} of NumPy", contract.portable)
+            yield Finding(where, f"calls {shown} of NumPy", contract.portable, check=_PORTABLE)
         elif not isinstance(value, float):
-            yield Finding("source", where, f"uses {shown}, an array that may change", contract.keep)
+            yield Finding(where, f"uses {shown}, an array that may change", contract.keep)
     elif callable(value) and not isinstance(value, FunctionType):
         yield Finding(
-            "source",
             where,
             f"calls {shown} of {module or type(value).__module__}",
             f"no clock, no randomness, no files: a {contract.noun} computes from what it is given",
         )
     elif isinstance(value, FunctionType) and value not in call_graph(function):
         yield Finding(
-            "source",
             where,
             f"calls {shown} of {value.__module__}, which is not checked",
             f"no clock, no randomness, no files: a {contract.noun} computes from what it is given",

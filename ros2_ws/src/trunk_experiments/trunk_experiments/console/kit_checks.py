@@ -8,9 +8,11 @@ from typing import Annotated, NamedTuple
 
 import click
 
+from trunk_core.errors import EXIT_FAILED
 from trunk_core.results import Keyword, Result
 
 from ..conformance.kit import Finding, Kit, Plugin
+from .document import write_json
 from .tables import print_table
 
 
@@ -43,6 +45,25 @@ class PlantCheckResult(Result, document="check-plant-1"):
     package: str
     kept: Annotated[bool, "Every check is kept"]
     checks: Annotated[Sequence[Checked], Keyword("minItems", 1)]
+
+
+def run_kit(
+    kit: Kit[Plugin],
+    kind: type[CheckResult | PlantCheckResult],
+    name: str,
+    label: str,
+    package: str,
+    as_json: bool,
+) -> None:
+    """Show a kit's checks of a registered plug-in; exit code 1 if one is not kept."""
+    checks = checked(kit, name)
+    kept = all(check.kept for check in checks)
+    if as_json:
+        write_json(kind(name, label, package, kept, checks))
+    else:
+        show_checked(label, package, checks)
+    if not kept:
+        click.get_current_context().exit(EXIT_FAILED)
 
 
 def checked(kit: Kit[Plugin], name: str) -> list[Checked]:

@@ -9,9 +9,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 from click.core import ParameterSource
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 
     Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
-Function = TypeVar("Function", bound=Callable[..., Any])
+Option = Callable[[Any], Any]  # decorates a verb's function
 
 _STDOUT = (Path("/dev/stdout"), Path("/dev/fd/1"))
 FORCE = "Replace the file if it exists."
@@ -142,121 +144,102 @@ class ControllerName(Name):
         return super().convert(value, param, ctx)
 
 
-def jobs_option(text: str) -> Callable[[Function], Function]:
-    """Return a decorator that adds ``--jobs``, None for as many as `workers.cores`."""
+def together(*options: Option) -> Option:
+    """Return one decorator that adds some options, in the order in which help lists them."""
+    return lambda function: reduce(lambda inner, add: add(inner), reversed(options), function)
+
+
+def jobs_option(text: str) -> Option:
+    """Return the option ``--jobs``, None for as many as `workers.cores`."""
     text += "  [default: one per core that may be used]"
     return click.option("--jobs", type=WholeRange(1, 1024), help=text)
 
 
-def device_option(function: Function) -> Function:
-    """Add the option ``device``: what makes a study's runs."""
-    return click.option(
-        "--device",
-        type=click.Choice(("cpu", "cuda")),
-        default="cpu",
-        show_default=True,
-        help="Where runs are made: cuda, a GPU, gives the same bits; docs/sweep.md.",
-    )(function)
+def names_or_files(known: str) -> Complete:
+    """Return a completion of names, or of files if no name begins with what was typed.
 
-
-def results_argument(function: Function) -> Function:
-    """Add the argument ``results``: the Parquet file of a sweep."""
-    kind = click.Path(path_type=Path, exists=True, dir_okay=False)
-    return click.argument("results", metavar="OUT.parquet", type=kind)(function)
-
-
-def names_or_files(known: Callable[[], Iterable[str]]) -> Complete:
-    """Return a completion of names, or of files if no name begins with what was typed."""
+    ``known``: ``module:name`` of the names, or of a function that returns them; imported when a shell asks.
+    """
 
     def complete(
         _context: click.Context, _parameter: click.Parameter, begun: str
     ) -> list[CompletionItem]:
         from click.shell_completion import CompletionItem
 
-        items = [CompletionItem(name) for name in known() if name.startswith(begun)]
+        names = resolve_name(known)
+        names = names() if callable(names) else names
+        items = [CompletionItem(name) for name in names if name.startswith(begun)]
         return items or [CompletionItem(begun, type="file")]
 
     return complete
 
 
-def scenarios() -> Iterable[str]:
-    """Return the shipped scenarios."""
-    from trunk_runs.scenario import SCENARIOS
+scenarios = names_or_files("trunk_runs.scenario:SCENARIOS")
+parameter_files = names_or_files("trunk_runs.scenario:shipped_files")
+studies = names_or_files("trunk_studies.study:shipped_studies")
+nodes = names_or_files("trunk_runs.nodes:NODES")
 
-    return SCENARIOS
-
-
-def parameter_files() -> Iterable[str]:
-    """Return the shipped parameter files."""
-    from trunk_runs.scenario import shipped_files
-
-    return shipped_files()
-
-
-def studies() -> Iterable[str]:
-    """Return the shipped studies."""
-    from trunk_studies.study import shipped_studies
-
-    return shipped_studies()
-
-
-def nodes() -> Iterable[str]:
-    """Return the nodes' names, without a namespace."""
-    from trunk_runs.nodes import NODES
-
-    return NODES
-
-
-def markers_option(function: Function) -> Function:
-    """Add ``--markers``, for the verbs that record."""
-    return click.option(
-        "--markers",
-        is_flag=True,
-        help="Also record a picture for Foxglove's and RViz's 3-D views: markers, tf, robot_description.",
-    )(function)
-
-
-def push_option(function: Function) -> Function:
-    """Add ``--push``, for the verbs that run a scenario."""
-    return click.option(
-        "--push",
-        "pushes",
+device_option = click.option(
+    "--device",
+    type=click.Choice(("cpu", "cuda")),
+    default="cpu",
+    show_default=True,
+    help="Where runs are made: cuda, a GPU, gives the same bits; docs/sweep.md.",
+)
+results_argument = click.argument(
+    "results",
+    metavar="OUT.parquet",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+)
+markers_option = click.option(
+    "--markers",
+    is_flag=True,
+    help="Also record a picture for Foxglove's and RViz's 3-D views: markers, tf, robot_description.",
+)
+push_option = click.option(
+    "--push",
+    "pushes",
+    multiple=True,
+    metavar="[CHANNEL=]VALUE:DURATION[@TIME]",
+    help="A pulse besides the scenario's disturbances, such as 60Nm:0.1s@3 or hip_effort=300N:50ms@2.5s; "
+    "repeatable.",
+)
+external_option = click.option(
+    "--external",
+    is_flag=False,
+    flag_value="",
+    metavar="[NAME]",
+    help="Your own node gives the commands, instead of a controller of ours; the run goes by NAME, "
+    "or by the node's name.",
+)
+parameter_options = together(
+    click.option(
+        "--params",
         multiple=True,
-        metavar="[CHANNEL=]VALUE:DURATION[@TIME]",
-        help="A pulse besides the scenario's disturbances, such as 60Nm:0.1s@3 or hip_effort=300N:50ms@2.5s; "
-        "repeatable.",
-    )(function)
-
-
-def parameter_options(function: Function) -> Function:
-    """Add ``--params`` and ``--set``."""
-    function = click.option(
+        metavar="FILE",
+        is_eager=True,  # the plant that it names chooses units of other options
+        help="A parameter file, by path or shipped name; repeatable, later ones win.",
+        shell_complete=parameter_files,
+    ),
+    click.option(
         "--set",
         "settings",
         multiple=True,
         metavar="NODE.PARAM=VALUE",
-        is_eager=True,  # the plant that it names chooses units of other options
-        help="One value, overrides all files; in SI units, or with a unit, such as 45deg; repeatable.",
-    )(function)
-    return click.option(
-        "--params",
-        multiple=True,
-        metavar="FILE",
         is_eager=True,
-        help="A parameter file, by path or shipped name; repeatable, later ones win.",
-        shell_complete=names_or_files(parameter_files),
-    )(function)
-
-
-def loop_options(function: Function) -> Function:
-    """Add ``--params``, ``--set`` and ``--rate``, from which `loop_plan` makes the plan of a sampled loop."""
-    function = click.option(
+        help="One value, overrides all files; in SI units, or with a unit, such as 45deg; repeatable.",
+    ),
+)
+# From these `loop_plan` makes the plan of a sampled loop.
+loop_options = together(
+    parameter_options,
+    click.option(
         "--rate",
         type=FiniteRange(0.001, 1e6, unit="Hz"),
         metavar="HZ",
         help="update_rate of the sampled loop, Hz.",
-    )(function)
-    return parameter_options(function)
+    ),
+)
 
 
 def loop_plan(
@@ -274,17 +257,16 @@ def loop_plan(
 
 
 def plan_options(
-    function: Function,
     required: bool = True,
     several: tuple[str, ...] = (),
     of_several: str = "The first one acts, the others stand by; repeatable.",
-) -> Function:
-    """Add the argument and options from which `plan_of` makes a plan.
+) -> Option:
+    """Return a decorator that adds the argument and options from which `plan_of` makes a plan.
 
     ``several``: the default of a verb that takes several controllers, and what it says ``of_several``.
     """
-    options = [
-        click.argument("scenario", required=required, shell_complete=names_or_files(scenarios)),
+    return together(
+        click.argument("scenario", required=required, shell_complete=scenarios),
         click.option(
             "--controller",
             default=list(several) or "fuzzy_pid",
@@ -313,22 +295,7 @@ def plan_options(
             metavar="HZ",
             help="update_rate of simulator and controller in Hz, or with another unit, such as 1kHz.",
         ),
-    ]
-    for option in reversed(options):
-        function = option(function)
-    return function
-
-
-def external_option(function: Function) -> Function:
-    """Add ``--external``, for the verbs that run in the graph."""
-    return click.option(
-        "--external",
-        is_flag=False,
-        flag_value="",
-        metavar="[NAME]",
-        help="Your own node gives the commands, instead of a controller of ours; the run goes by NAME, "
-        "or by the node's name.",
-    )(function)
+    )
 
 
 def plan_of(
@@ -408,20 +375,13 @@ class OutputResult(Result):
     output: Annotated[Path, "The file that is written"]
 
 
-def output_options(text: str, required: bool = False, force: str = FORCE) -> Callable[[Any], Any]:
-    """Return a decorator that adds ``-o, --output FILE``, described as ``what``, and ``--force``."""
-
-    def add(function: Any) -> Any:
-        function = click.option("--force", is_flag=True, help=force)(function)
-        return click.option(
-            "-o",
-            "--output",
-            type=click.Path(path_type=Path),
-            required=required,
-            help=text,
-        )(function)
-
-    return add
+def output_options(text: str, required: bool = False, force: str = FORCE) -> Option:
+    """Return a decorator that adds ``-o, --output FILE``, described by ``text``, and ``--force``."""
+    output = click.Path(path_type=Path)
+    return together(
+        click.option("-o", "--output", type=output, required=required, help=text),
+        click.option("--force", is_flag=True, help=force),
+    )
 
 
 def check_output(

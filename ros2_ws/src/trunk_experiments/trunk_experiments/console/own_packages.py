@@ -12,7 +12,6 @@ from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
 from string import Template
-from typing import Any, TypeVar
 
 import click
 
@@ -20,17 +19,12 @@ from trunk_core.errors import PlanError
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*[a-z0-9]")
 
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def path_option(function: Function) -> Function:
-    """Add the option ``path``: the folder to make the package in."""
-    return click.option(
-        "--path",
-        type=click.Path(path_type=Path),
-        default=Path(),
-        help="The folder to make it in.  [default: the current one]",
-    )(function)
+path_option = click.option(
+    "--path",
+    type=click.Path(path_type=Path),
+    default=Path(),
+    help="The folder to make it in.  [default: the current one]",
+)
 
 
 def checked_name(name: str, noun: str, taken: Container[str]) -> str:

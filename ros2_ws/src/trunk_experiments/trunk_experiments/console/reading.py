@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import click
-
 from trunk_core import topics
 from trunk_core.errors import TrunkError
 from trunk_core.files import resolve_path
 from trunk_core.results import Count
-from trunk_evidence.doubts import RecordingResult, about, doubts_of, incomplete
+from trunk_evidence.doubts import RecordingResult, about, incomplete
 from trunk_evidence.recorded_run import RecordedRun
 from trunk_recording.reader import Recording
 
@@ -51,15 +49,6 @@ def about_written(path: Path) -> WrittenResult:
             run = RecordedRun(Recording.open_by_summary(path))
             return WrittenResult(**vars(about(run)), states=run.count(topics.GROUND_TRUTH))
     return WrittenResult(path, None, None)
-
-
-def show_written_doubts(path: Path) -> None:
-    """Print what makes a newly written recording doubtful."""
-    if path.is_file():
-        with suppress(TrunkError):
-            run = RecordedRun(Recording.open_by_summary(path))
-            for line in doubts_of(run, twin=False).lines:
-                click.echo(line)
 
 
 def open_views(paths: Iterable[Path]) -> list[RunView]:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trunk_control.law import Constants, Law, LawMemory, Limits, Sample, limited
+from trunk_control.law import Constants, Law, LawMemory, Sample, limited
 from trunk_control.laws import law_of
 from trunk_core.arrays import Floats, Integers
 from trunk_core.compiled import compiled_or_plain, twin, with_arrays
@@ -29,8 +29,6 @@ from trunk_sim.plant import PlantState, rk4_step
 from trunk_sim.step import (
     Dynamics,
     Measurement,
-    PlantConstants,
-    SensorParameters,
     beyond_fall,
     finite,
     sense,
@@ -39,6 +37,7 @@ from trunk_sim.step import (
 from trunk_studies.batch.compiled_run import NotCompiledWarning
 from trunk_studies.batch.lanes import (
     LANES,
+    Common,
     fill_disturbances,
     fill_references,
     made_of,
@@ -112,18 +111,9 @@ OBSERVED = 5  # numbers of an observation
 class Course(NamedTuple):
     """What all episodes have in common."""
 
-    plant: PlantConstants
-    sensor: SensorParameters
-    limits: Limits
-    hip: int  # 0: the hip's motion, 1: the trunk's, -1: none
-    every: int  # the plant's periods in a step
-    last: int  # the last state's number
-    delay_steps: int
-    first_dt: float  # s, of the PID's first update
-    dt: float  # s, of all others
+    common: Common  # but the law's constants, which an action may be
     effort_weight: float  # rad^2 / (N m)^2
     lost: float  # rad^2
-    fall_stop: bool
 
 
 class EpisodeSeries(NamedTuple):
@@ -149,10 +139,10 @@ def advance_of(law: Law, dynamics: Dynamics, constants: Constants | None) -> Cal
     forces, accelerations = dynamics
     keep_memory = writer_of(example.memory, rows.memory)
 
-    def by_torque(c: Course, cells: Floats, lane: int, dt: float) -> float:
+    def by_torque(c: Common, cells: Floats, lane: int, dt: float) -> float:
         return limited(read_whole(cells, lane, ()).action[0], c.limits)
 
-    def by_constants(c: Course, cells: Floats, lane: int, dt: float) -> float:
+    def by_constants(c: Common, cells: Floats, lane: int, dt: float) -> float:
         here = read_whole(cells, lane, ())
         reading = reading_of(0, here.measured, 0.0, c.hip, nan)
         sample = Sample(here.wanted, reading.position, reading.velocity, dt, reading.hip)
@@ -171,7 +161,7 @@ def advance_of(law: Law, dynamics: Dynamics, constants: Constants | None) -> Cal
         history: Floats,
         actions: Floats,
     ) -> None:
-        c = course
+        c = course.common
         h = c.plant.period / c.plant.substeps
         for block in range(len(blocks)):
             cells, first = blocks[block], block * LANES
@@ -185,7 +175,7 @@ def advance_of(law: Law, dynamics: Dynamics, constants: Constants | None) -> Cal
             for lane in range(LANES):
                 dt = c.first_dt if steps[first + lane] == 0 else c.dt
                 cells[ROWS.command * LANES + lane] = command(c, cells, lane, dt)
-            for _ in range(c.every):
+            for _ in range(c.update_every):
                 fetch(series.acting, c, steps, first, ROWS.acting, cells)
                 for lane in range(LANES):
                     here = read(cells, lane, ())
@@ -206,8 +196,8 @@ def advance_of(law: Law, dynamics: Dynamics, constants: Constants | None) -> Cal
                         keep_state(state, cells, lane)
                 for lane in range(LANES):
                     here, k = read(cells, lane, ()), steps[first + lane]
-                    reference = series.reference[min(k + 1, c.last)]
-                    after, k = settled(here.standing, here.state, here.torque, k, reference, c)
+                    reference = series.reference[min(k + 1, c.states - 1)]
+                    after, k = settled(here.standing, here.state, here.torque, k, reference, course)
                     keep_standing(after, cells, lane)
                     steps[first + lane] = k
                     if c.delay_steps:
@@ -221,25 +211,26 @@ def advance_of(law: Law, dynamics: Dynamics, constants: Constants | None) -> Cal
 
 
 def settled(
-    before: Standing, state: PlantState, torque: float, k: int, reference: float, c: Course
+    before: Standing, state: PlantState, torque: float, k: int, reference: float, course: Course
 ) -> tuple[Standing, int]:
     """Return an episode and its step after a period that led to a state; one that is not finite ends it.
 
     ``reference`` is that of the new state; the torque was applied over the period.
     """
-    s = before
-    if s.over or k >= c.last:
+    s, c = before, course.common
+    last = c.states - 1
+    if s.over or k >= last:
         return Standing(s.state, s.torque, s.reward, s.fell, s.diverged, True), k
     if not finite(state):
-        rest = c.plant.period * (c.last - k) * c.lost
+        rest = c.plant.period * (last - k) * course.lost
         return Standing(s.state, s.torque, s.reward - rest, s.fell, True, True), k
     k += 1
     error = reference - state.theta
-    reward = -c.plant.period * (error * error + c.effort_weight * torque * torque)
+    reward = -c.plant.period * (error * error + course.effort_weight * torque * torque)
     falls = c.fall_stop and beyond_fall(state, c.plant)
     if falls:
-        reward -= c.plant.period * (c.last - k) * c.lost
-    over = falls or k == c.last
+        reward -= c.plant.period * (last - k) * course.lost
+    over = falls or k == last
     return Standing(state, torque, s.reward + reward, s.fell or falls, s.diverged, over), k
 
 
@@ -255,11 +246,13 @@ def observe(
 
     In order: angle and rate as measured, the reference, the hip's position and rate as measured.
     """
-    c = course
+    c = course.common
     for block in range(len(blocks)):
         cells, first = blocks[block], block * LANES
         for lane in range(LANES):
-            cells[ROWS.wanted * LANES + lane] = series.reference[min(steps[first + lane], c.last)]
+            cells[ROWS.wanted * LANES + lane] = series.reference[
+                min(steps[first + lane], c.states - 1)
+            ]
         if c.delay_steps:
             for lane in range(LANES):
                 then = max(steps[first + lane] - c.delay_steps, 0) % len(history)
@@ -284,13 +277,13 @@ def observe(
             out[first + lane, 4] = here.measured.x_dot
 
 
-def fetch(series: Floats, c: Course, steps: Integers, first: int, row: int, cells: Floats) -> None:
+def fetch(series: Floats, c: Common, steps: Integers, first: int, row: int, cells: Floats) -> None:
     """Write the values of a series [episodes, states, numbers] at each episode's time, if it has any."""
     if not len(series):
         return
     for lane in range(LANES):
         episode = min(first + lane, len(series) - 1)
-        k = min(steps[first + lane], c.last)
+        k = min(steps[first + lane], c.states - 1)
         for i in range(series.shape[2]):
             cells[(row + i) * LANES + lane] = series[episode, k, i]
 
@@ -322,20 +315,8 @@ class Episodes:
         """Raise PlanError for more episodes than fit into memory."""
         self.task, self.count = task, count
         common = task.regular.common
-        self.course = Course(
-            with_arrays(common.plant),
-            common.sensor,
-            common.limits,
-            common.hip,
-            common.update_every,
-            common.states - 1,
-            common.delay_steps,
-            common.first_dt,
-            common.dt,
-            task.effort_weight,
-            lost(task),
-            common.fall_stop,
-        )
+        shared = common._replace(plant=with_arrays(common.plant), constants=())
+        self.course = Course(shared, task.effort_weight, lost(task))
         law, example = law_of(task.plan.controller), task.constants
         if example is not None:
             example = made_of(example, repeat(0.0))  # one function, whatever the numbers
@@ -388,7 +369,7 @@ class Episodes:
         self._history[0, :, episode] = drawn.initial
         self.steps[episode] = 0
         if self._noisy:
-            bits = random_bits(drawn.sensor_seed, 0, self.course.last + 1)
+            bits = random_bits(drawn.sensor_seed, 0, self.course.common.states)
             twin(fill)(bits.reshape(-1), self._series.noise[episode].reshape(-1))
         if self.task.draws_disturbances:
             disturbance = self.task.plan_of(drawn).disturbance
@@ -452,4 +433,4 @@ class Episodes:
     @property
     def truncated(self) -> Flags:
         """Which episodes have reached the plan's duration [count]."""
-        return np.greater_equal(self.steps[: self.count], self.course.last)
+        return np.greater_equal(self.steps[: self.count], self.course.common.states - 1)

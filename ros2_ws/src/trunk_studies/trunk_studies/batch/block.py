@@ -30,7 +30,7 @@ from trunk_sim.noise import noise_samples
 from trunk_sim.plant import PlantState
 from trunk_sim.step import Dynamics, noisy
 
-from .compiled_run import Batch
+from .compiled_run import run_compiled
 from .lanes import (
     BEGINNING,
     LANES,
@@ -148,9 +148,6 @@ class Maker(Protocol):
 class Lanes:
     """Makes runs on this machine's processor: in lanes where they fit together, else one after another."""
 
-    def __init__(self, batch: Batch) -> None:
-        self._batch = batch
-
     def prepared(self, plan: RunPlan) -> tuple[Any, Regular] | None:
         """Return the key of runs that can share a block, and these runs; None: they are made one by one."""
         check_compilable(plan)
@@ -178,7 +175,7 @@ class Lanes:
             outcomes.fell[rows[~left]] = fell[~left]
             outcomes.metrics[:, rows[~left]] = metrics[:, ~left]
         for i in alone:
-            outcomes.keep(i, summary_of(plan_at(i), self._batch))
+            outcomes.keep(i, summary_of(plan_at(i)))
 
 
 def make_runs(
@@ -209,18 +206,18 @@ def make_runs(
     maker.finish(parts, lambda i: plan_of(np.array([i])), outcomes)
 
 
-def summaries(plans: Iterable[RunPlan], batch: Batch) -> list[RunSummary]:
+def summaries(plans: Iterable[RunPlan]) -> list[RunSummary]:
     """Return the outcome of each plan's run."""
     plans = list(plans)
     outcomes = Outcomes(len(plans))
     each = (np.array([i]) for i in range(len(plans)))
-    make_runs(Lanes(batch), lambda rows: plans[rows[0]], each, outcomes)
+    make_runs(Lanes(), lambda rows: plans[rows[0]], each, outcomes)
     return [outcomes.summary(i) for i in range(len(plans))]
 
 
-def summary_of(plan: RunPlan, batch: Batch) -> RunSummary:
+def summary_of(plan: RunPlan) -> RunSummary:
     """Return the outcome of one plan's run."""
-    outcome = batch.run(plan)
+    outcome = run_compiled(plan)
     try:
         return RunSummary(outcome.metrics(), outcome.diverged_at, fell=outcome.fell)
     except ValueError as error:

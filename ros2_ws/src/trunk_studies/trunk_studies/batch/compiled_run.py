@@ -167,29 +167,22 @@ class Outcome(NamedTuple):
         return None if self.diverged_at is not None else metrics(self.table, compiled=True)
 
 
-class Batch:
-    """Runs plans one after another in reused memory: a result lasts until the next run."""
-
-    def __init__(self) -> None:
-        self._out = np.empty((ROWS, 0))
-
-    def run(self, plan: RunPlan) -> Outcome:
-        """Run a plan in compiled code. Raises PlanError for one that a compiled loop cannot model."""
-        check_compilable(plan)
-        simulator = plan.simulator
-        loop = compiled_loop(tuple(plan.controllers), simulator.dynamics)
-        states = states_of(plan)
-        if self._out.shape[1] != states:
-            self._out = np.empty((ROWS, states))
-        surroundings, state, participants = start_of_loop(plan)
-        history = np.empty((simulator.delay_steps + 1, 4))
-        noise = _noise(plan, states)
-        count, diverged, fell = loop(
-            states, surroundings, state, participants, noise, history, _COMPUTED, self._out
-        )
-        t = _times(states, simulator.period_ns)
-        table = RunTable(t[:count], *self._out[:, :count])
-        return Outcome(table, float(t[count - 1]) if diverged else None, fell)
+def run_compiled(plan: RunPlan) -> Outcome:
+    """Run a plan in compiled code. Raises PlanError for one that a compiled loop cannot model."""
+    check_compilable(plan)
+    simulator = plan.simulator
+    loop = compiled_loop(tuple(plan.controllers), simulator.dynamics)
+    states = states_of(plan)
+    surroundings, state, participants = start_of_loop(plan)
+    history = np.empty((simulator.delay_steps + 1, 4))
+    noise, out = _noise(plan, states), np.empty((ROWS, states))
+    count, diverged, fell = loop(
+        states, surroundings, state, participants, noise, history, _COMPUTED, out
+    )
+    t = _times(states, simulator.period_ns)
+    return Outcome(
+        RunTable(t[:count], *out[:, :count]), float(t[count - 1]) if diverged else None, fell
+    )
 
 
 _NO_NOISE = np.zeros((1, 2))

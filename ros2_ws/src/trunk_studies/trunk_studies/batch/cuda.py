@@ -12,7 +12,6 @@ import numpy as np
 from trunk_core.errors import LibraryError, NotInstalledError
 from trunk_evidence.run_metrics import MetricNumbers
 
-from .compiled_run import Batch
 from .kernel import FATES, Computed, Kernel, OnDevice, Words
 
 # No multiplication and addition in one rounding; with more registers fewer threads run at a time.
@@ -121,4 +120,4 @@ def on_cuda(warn: Callable[[str], None]) -> OnDevice:
     device = CudaDevice()
     if device.slow:
         warn(device.slow)
-    return OnDevice(device, Batch())
+    return OnDevice(device)

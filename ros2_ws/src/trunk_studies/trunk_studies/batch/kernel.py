@@ -64,7 +64,7 @@ from trunk_sim.noise import standard_normal
 from trunk_sim.step import Dynamics, Measurement, PlantConstants, noisy, torque_of
 
 from .block import Lanes, Outcomes
-from .compiled_run import Batch, start_of_loop
+from .compiled_run import start_of_loop
 from .varied import Rows, Varied
 
 CHUNK = 32  # states whose noise is drawn, and which are measured, at a time
@@ -393,8 +393,8 @@ class OnDevice:
     ``left``: how many it could not make, by the reason.
     """
 
-    def __init__(self, device: Device, batch: Batch) -> None:
-        self._device, self._lanes = device, Lanes(batch)
+    def __init__(self, device: Device) -> None:
+        self._device, self._lanes = device, Lanes()
         self.left: Counter[str] = Counter()
 
     def remarks(self) -> list[str]:

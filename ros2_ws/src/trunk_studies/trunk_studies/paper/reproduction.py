@@ -1,22 +1,46 @@
-"""The whole reproduction: runs, claims, errata, dependence on the rate, effect of the misprints."""
+"""The whole reproduction: runs, claims, errata, dependence on the rate, effect of the misprints; its report.
+
+The report is one HTML file with embedded pictures, figures beside it, and JSON.
+"""
 
 from __future__ import annotations
 
+import json
+import re
+import unicodedata
+from base64 import b64encode
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from trunk_core.results import Known, Result
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from trunk_core.files import atomic_write
+from trunk_core.results import Known, Result, number
+from trunk_core.results import plain as json_values
+from trunk_evidence.recorded_run import RecordedRun
 from trunk_evidence.run_metrics import Metrics
 from trunk_runs.plan import make_plan
+from trunk_views.parts.page import part, policy, rendered, write_page
+from trunk_views.plots import paper_figure, save
+from trunk_views.run_report import make_report, write
+from trunk_views.run_view import RunView
 
-from ..batch.compiled_run import Batch
+from ..batch.compiled_run import run_compiled
 from .claims import (
     BASELINES,
     CLAIMS,
+    CONTENDERS,
+    FIGURES,
     OF_THE_PAPER,
+    PRINTED,
     PROFILES,
+    TABLE_1,
+    Case,
     ClaimVerdict,
     ClaimWord,
     PaperRun,
@@ -67,13 +91,13 @@ def reproduce(folder: Path, graph: bool, say: Say) -> Reproduction:
     recordings = folder / "runs"
     recordings.mkdir(parents=True, exist_ok=True)
     todo = [*cases(tuple(OF_THE_PAPER)), *cases(tuple(BASELINES))]
-    for number, case in enumerate(todo, 1):
-        say(f"offline run {number} of {len(todo)}: {case.stem}")
+    for count, case in enumerate(todo, 1):
+        say(f"offline run {count} of {len(todo)}: {case.stem}")
         result.runs[case] = run_offline(case, recordings)
     if graph:
         in_graph = [case for case in cases(tuple(OF_THE_PAPER)) if case.profile == PROFILES[0]]
-        for number, case in enumerate(in_graph, 1):
-            say(f"graph run {number} of {len(in_graph)}, lock-step: {case.stem}")
+        for count, case in enumerate(in_graph, 1):
+            say(f"graph run {count} of {len(in_graph)}, lock-step: {case.stem}")
             offline = recordings / f"{case.stem}.mcap"
             result.graph[case] = run_in_graph(case, folder / "graph", offline)
     say("dependence on the rate")
@@ -96,20 +120,18 @@ def rate_dependence() -> dict[str, Any]:
     With Kd h near the bound 2 m l^2 M / (M + m) a derivative on the error turns the reference's step
     and the pulses into torques of Kd step / h, which grow as the period shrinks.
     """
-    batch = Batch()
     outcomes: dict[str, Any] = {}
     for figure in ("fig6", "fig7", "fig8", "fig9"):
         outcomes[figure] = {}
         for rate in RATES:
             plan = make_plan(figure, "pid", ["pid_as_printed"], everywhere={"update_rate": rate})
-            values = batch.run(plan).metrics()
+            values = run_compiled(plan).metrics()
             outcomes[figure][rate] = values and {key: getattr(values, key) for key in RATE_KEYS}
     return outcomes
 
 
 def literal_model() -> dict[str, Any]:
     """Return, by controller and by ``none``, the metrics of Fig. 6 with the misprinted equations."""
-    batch = Batch()
     outcomes: dict[str, Any] = {}
     settings: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
         name: (c.node, c.params, ()) for name, c in OF_THE_PAPER.items()
@@ -118,7 +140,7 @@ def literal_model() -> dict[str, Any]:
     for name, (node, params, values) in settings.items():
         for equations in ("plant_as_printed", "derived"):
             files = [*params, equations] if equations != "derived" else list(params)
-            run = batch.run(make_plan("fig6", node, files, values)).metrics()
+            run = run_compiled(make_plan("fig6", node, files, values)).metrics()
             outcomes[f"{name}, {equations}"] = run
     return outcomes
 
@@ -248,3 +270,141 @@ def paper_numbers(result: Reproduction) -> PaperNumbers:
         },
         result.literal,
     )
+
+
+COLUMNS = {
+    "overshoot_deg": "overshoot °",
+    "undershoot_deg": "undershoot °",
+    "settling_time_6deg_s": "settled (±6°) s",
+    "steady_state_error_mean_deg": "error, last 2 s, mean °",
+    "steady_state_error_rms_deg": "RMS °",
+    "iae": "IAE rad·s",
+    "ise": "ISE rad²·s",
+    "itae": "ITAE rad·s²",
+    "effort": "∫τ² N²m²s",
+    "peak_torque": "peak N·m",
+    "theta_min_deg": "smallest θ °",
+    "theta_max_deg": "largest θ °",
+}
+
+
+def write_report(
+    result: Reproduction, folder: Path, say: Say = lambda step: None, labs: bool = False
+) -> Path:
+    """Write ``report.html``, ``paper.json``, and each figure as PNG, SVG and HTML; return the page's path.
+
+    ``say`` is called with each next step. ``labs``: the folder has a lab of each figure.
+    """
+    text = json.dumps(
+        json_values(paper_numbers(result)), indent=2, ensure_ascii=False, allow_nan=False
+    )
+    with atomic_write(folder / "paper.json") as file:
+        file.write_text(text + "\n", encoding="utf-8")
+    pictures = {}
+    for figure in FIGURES:
+        say(f"drawing {figure}")
+        pictures[figure] = _figure(figure, folder)
+    page = rendered(
+        __package__,
+        "report.html.j2",
+        policy=policy(),
+        style=Markup(
+            part("style.css") + files(__package__).joinpath("report.css").read_text("utf-8")
+        ),
+        result=result,
+        verdicts=result.verdicts(),
+        lead=lead(result),
+        pictures=pictures,
+        columns=COLUMNS,
+        contenders=CONTENDERS,
+        figures=FIGURES,
+        labs=labs,
+        profiles=PROFILES,
+        Case=Case,
+        rate_keys=RATE_KEYS,
+        number=number,
+        formulas=formulas,
+    )
+    path = folder / "report.html"
+    write_page(page, path)
+    return path
+
+
+def lead(result: Reproduction) -> str:
+    """Return in two sentences how many of the claims hold, and against which PID Fuzzy-PID does better."""
+    verdicts = result.verdicts()
+    counts = Counter(offline.short for offline, *_ in verdicts)
+    gains = {PRINTED: "the printed gains", TABLE_1: "the gains of the paper’s own Table 1"}
+    won = [f"with {gains[name]} in {won} of {of}" for name, (won, of) in _won(result).items()]
+    return (
+        f"With the paper’s own settings (profile paper), of its {len(verdicts)} claims "
+        f"{counts['holds here']} hold here, {counts['partly holds']} hold partly and "
+        f"{counts['fails here']} fail. Fuzzy-PID does better than the PID "
+        f"{' comparisons, than the one '.join(won)} comparisons."
+    )
+
+
+def _won(result: Reproduction) -> dict[str, tuple[int, int]]:
+    """Return, for each PID, in how many comparisons Fuzzy-PID did better, and how many there are."""
+    counts: dict[str, tuple[int, int]] = {}
+    for verdict, *_ in result.verdicts():
+        for check in verdict.checks:
+            if check.against:
+                won, of = counts.get(check.contender, (0, 0))
+                counts[check.contender] = (won + check.holds, of + 1)
+    return counts
+
+
+def _figure(figure: str, folder: Path) -> str:
+    """Draw a figure of the paper with our runs, and animate these; return the picture as a data URL."""
+    views, names = [], []
+    for name, contender in OF_THE_PAPER.items():
+        case = Case(PROFILES[0], figure, name)
+        views.append(RunView.read(RecordedRun.open(folder / "runs" / f"{case.stem}.mcap")))
+        names.append(contender.short)
+    drawn: Figure = paper_figure(views, int(figure.removeprefix("fig")), names)
+    for suffix in (".png", ".svg"):
+        save(drawn, folder / f"{figure}{suffix}")
+    write(make_report(views), folder / f"{figure}.html")
+    return "data:image/png;base64," + b64encode((folder / f"{figure}.png").read_bytes()).decode()
+
+
+_TOKEN = re.compile(
+    r"""(?P<index>[A-Za-z]_(?:\{[^}]*\}|\w))|(?P<number>\d+(?:\.\d+)?)|(?P<name>sin|cos)
+    |(?P<power>[⁻⁰¹²³⁴-⁹]+)|(?P<letter>[^\W\d_][\u0307\u0308]?)|(?P<sign>\S)""",
+    re.VERBOSE,
+)
+_DOTS = {"\u0307": "˙", "\u0308": "¨"}
+
+
+def formulas(text: str) -> Markup:
+    """Return a text as HTML, its formulas, ``$m l² sin θ$``, as MathML."""
+    parts = text.split("$")
+    return Markup("").join(_mathml(part) if k % 2 else part for k, part in enumerate(parts))
+
+
+def _mathml(formula: str) -> Markup:
+    """Return a formula as elements, each after the first from a sign on: there a line may break."""
+    rows: list[list[Markup]] = [[]]
+    for token in _TOKEN.finditer(unicodedata.normalize("NFD", formula)):
+        kind, text = token.lastgroup, token[0]
+        if text in "+−=" and rows[-1]:
+            rows.append([])
+        row = rows[-1]
+        if kind == "index":
+            name, index = text[0], text[2:].strip("{}")
+            row.append(Markup("<msub><mi>{}</mi><mtext>{}</mtext></msub>").format(name, index))
+        elif kind == "power" and row:
+            power = unicodedata.normalize("NFKC", text)
+            row.append(Markup("<msup>{}<mn>{}</mn></msup>").format(row.pop(), power))
+        elif kind == "letter" and text[1:]:
+            letter = Markup("<mover><mi>{}</mi><mo>{}</mo></mover>")
+            row.append(letter.format(text[0], _DOTS[text[1]]))
+        elif kind == "name":
+            row.append(Markup("<mi>{}</mi><mspace width='.15em'/>").format(text))
+        else:
+            tag = {"number": "mn", "letter": "mi"}.get(str(kind), "mo")
+            attribute = ' stretchy="false"' if text in "()[]" else ""
+            attribute = ' form="infix"' if text in "+−=" and len(rows) > 1 else attribute
+            row.append(Markup(f"<{tag}{attribute}>{{}}</{tag}>").format(text))
+    return Markup("").join(Markup("<math>{}</math>").format(Markup("").join(row)) for row in rows)

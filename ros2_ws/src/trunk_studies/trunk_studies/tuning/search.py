@@ -23,7 +23,6 @@ from trunk_core.parameters.declarations import Value, changed, declarations, val
 from trunk_runs.plan import RunPlan
 
 from ..batch.block import RunSummary, summaries, wrong_duration
-from ..batch.compiled_run import Batch
 from ..batch.workers import worker_pool
 
 FALL = 10.0  # times the start's mean of the metric: what a fall costs
@@ -235,7 +234,7 @@ def metrics_of(plans: Sequence[RunPlan], metric: str, candidates: Sequence[Value
     for values in candidates:
         new = {config: changed(config, values) if values else config for config in configs}
         tried += [plan.with_controller(new[plan.controller]) for plan in plans]
-    found = [_metric(summary, metric) for summary in summaries(tried, Batch())]
+    found = [_metric(summary, metric) for summary in summaries(tried)]
     return np.reshape(found, (len(candidates), len(plans)))
 
 

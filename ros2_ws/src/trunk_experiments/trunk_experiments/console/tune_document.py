@@ -1,4 +1,4 @@
-"""The documents of ``trunk tune`` and ``trunk study compare``, whose members take long to load."""
+"""The document of ``trunk tune``, whose members take long to load."""
 
 from __future__ import annotations
 
@@ -8,13 +8,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from trunk_core.results import Count, Result
-from trunk_studies.statistics import (
-    DrawnRuns,
-    Estimate,
-    Falls,
-    MetricDistribution,
-    PairedDifference,
-)
+from trunk_studies.statistics import DrawnRuns, Estimate
 from trunk_studies.tuning.methods import Relay
 from trunk_studies.tuning.stability_margins import LoopMargins
 
@@ -62,13 +56,3 @@ class TuneResult(Result, document="tune-1"):
     relay: Annotated[Relay | None, "tune relay: Ku in N m/rad, Tu in s, rad"] = None
     search: Annotated[SearchResult | None, "tune optimise: the metric's mean"] = None
     study: Annotated[StudySearchResult | None, "tune optimise --study: also on other draws"] = None
-
-
-@dataclass(frozen=True)
-class CompareStudyResult(Result, document="compare-study-1"):
-    """The document of ``trunk study compare``."""
-
-    study: Annotated[Path, "The sweep's file"]
-    falls: Annotated[Sequence[Falls], "How often each controller fell"]
-    distributions: Annotated[Sequence[MetricDistribution], "Over the runs in which it stood"]
-    differences: Sequence[PairedDifference]
