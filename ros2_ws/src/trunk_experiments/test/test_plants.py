@@ -182,6 +182,17 @@ def test_a_laws_parameters_have_the_plants_joints_and_units():
     assert (scale.unit, scale.units) == ("N or N/s", (("pd", "N"), ("pi", "N/s")))
 
 
+def test_a_first_coordinate_that_turns_has_torques_and_angles():
+    arm = replace(PLANTS.named("cart_pole"), coordinates=(ARM, POLE), drive=0)
+    for node in ("simulator", "disturbance"):
+        config = config_class(
+            node, {PLANT_NAME: "cart_pole"}
+        )  # all plants' parameters, and its own
+        for declared in map(arm.redeclared, declarations(config.of_trunk).values()):
+            told = f"{declared.unit}, {declared.description}"
+            assert not re.search(r"\b(N|m|force|x)\b", told.replace("N m", "")), told
+
+
 def test_a_laws_numbers_are_read_in_the_plants_units(recorded, tmp_path, command_says):
     assert planned("pid", "pid.u_clamp_max=0.5kN").controller.u_clamp_max == 500.0
     with pytest.raises(TrunkError, match="it is a torque; a force in N is needed"):
