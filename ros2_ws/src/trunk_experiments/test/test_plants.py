@@ -36,6 +36,7 @@ from trunk_studies.study import parse_study
 from trunk_studies.tuning.floquet import prepared
 from trunk_views.plots import overview
 from trunk_views.report_data import report_data
+from trunk_views.run_report import make_report
 from trunk_views.run_view import RunView
 
 from ...trunk_recording.test.mcap_files import ANEW, content, write_file
@@ -368,6 +369,11 @@ def test_a_study_knows_its_units(tmp_path, command_says):
     assert code == 0
     assert "bit for bit" in out
     assert RecordedRun.open(shown).parameters["simulator"]["plant.mass"] in (0.05, 0.2)
+
+
+def test_the_report_offers_the_laws_that_its_plant_takes(recorded):
+    (section,) = make_report([RunView.read(RecordedRun.open(recorded))]).runs
+    assert list(section.controllers) == ANY_PLANT
 
 
 def test_pages_and_pictures_speak_of_its_joints_and_of_a_force(recorded, reported):
