@@ -90,9 +90,14 @@ def branch_plan(run: RecordedRun, branch: Branch, until: float | None = None) ->
         layer = Layer("--duration", (Section("simulator", {"duration": until}),))
         duration = _config(plan, "simulator", [layer], stamp_ns).duration
         plan = replace(plan, simulator=replace(plan.simulator, duration=duration))
-    if branch.controller:
-        plan = _with_controller(run, plan, branch.controller, stamp_ns)
+    name, known = branch.controller, plan.controllers
+    if name:
+        plan = _with_controller(run, plan, name, stamp_ns)
     layers = [parse_setting(text, branch.origin) for text in branch.settings]
+    given = {section.pattern for layer in layers for section in layer.sections}
+    if name and name not in {*known, *given} and plan.scenario not in SCENARIOS:
+        warning = f"{name} has its defaults, as {plan.scenario} is not shipped: give --set {name}.…"
+        plan = replace(plan, warnings=(warning,))
     for layer in layers:
         if any(section.pattern == "reference" for section in layer.sections):
             raise PlanError(

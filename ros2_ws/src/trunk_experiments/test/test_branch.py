@@ -123,6 +123,20 @@ def test_a_branch_is_branched_back(branch, parent, tmp_path, capsys):
     assert diff(RecordedRun.open(tmp_path / "lqr.mcap"), run).first.stamp_ns >= 800_000_000
 
 
+def test_a_new_controller_without_a_shipped_scenario_has_its_defaults_and_that_is_said(
+    plan, parent, tmp_path, capsys
+):
+    """The recording does not have the scenario's values for nodes that were not in the run."""
+    own = tmp_path / "own.mcap"
+    record_offline(replace(plan, scenario="own"), own)
+    said = "trunk: warning: lqr has its defaults, as own is not shipped: give --set lqr.…\n"
+    words = "--at", "0.8", "--controller", "lqr"
+    assert cli(capsys, "branch", own, *words, "-o", tmp_path / "a.mcap")[1] == said
+    given = "--set", "lqr.gains.p=70"
+    assert cli(capsys, "branch", own, *words, *given, "-o", tmp_path / "b.mcap")[1] == ""
+    assert cli(capsys, "branch", parent, *words, "-o", tmp_path / "c.mcap")[1] == ""
+
+
 def test_a_branch_before_another_ones_turn_leaves_that_idle(branch, parent, tmp_path, capsys):
     """A controller that was to act later, by the first branch, does not act from the start."""
     branch(parent, tmp_path / "lqr.mcap", "--controller", "lqr")

@@ -36,6 +36,7 @@ from trunk_studies.study import parse_study
 from trunk_studies.tuning.floquet import prepared
 from trunk_views.plots import overview
 from trunk_views.report_data import report_data
+from trunk_views.run_report import make_report
 from trunk_views.run_view import RunView
 
 from ...trunk_recording.test.mcap_files import ANEW, content, write_file
@@ -180,6 +181,17 @@ def test_a_laws_parameters_have_the_plants_joints_and_units():
     assert on_an_arm == ["N m", "N m/rad", "N m/(rad s)", "N m s/rad", "N m/rad", "N m s/rad"]
     scale = declarations(config_class("fuzzy", {PLANT_NAME: "cart_pole"}))["fuzzy.output_scale"]
     assert (scale.unit, scale.units) == ("N or N/s", (("pd", "N"), ("pi", "N/s")))
+
+
+def test_a_first_coordinate_that_turns_has_torques_and_angles():
+    arm = replace(PLANTS.named("cart_pole"), coordinates=(ARM, POLE), drive=0)
+    for node in ("simulator", "disturbance"):
+        config = config_class(
+            node, {PLANT_NAME: "cart_pole"}
+        )  # all plants' parameters, and its own
+        for declared in map(arm.redeclared, declarations(config.of_trunk).values()):
+            told = f"{declared.unit}, {declared.description}"
+            assert not re.search(r"\b(N|m|force|x)\b", told.replace("N m", "")), told
 
 
 def test_a_laws_numbers_are_read_in_the_plants_units(recorded, tmp_path, command_says):
@@ -357,6 +369,11 @@ def test_a_study_knows_its_units(tmp_path, command_says):
     assert code == 0
     assert "bit for bit" in out
     assert RecordedRun.open(shown).parameters["simulator"]["plant.mass"] in (0.05, 0.2)
+
+
+def test_the_report_offers_the_laws_that_its_plant_takes(recorded):
+    (section,) = make_report([RunView.read(RecordedRun.open(recorded))]).runs
+    assert list(section.controllers) == ANY_PLANT
 
 
 def test_pages_and_pictures_speak_of_its_joints_and_of_a_force(recorded, reported):

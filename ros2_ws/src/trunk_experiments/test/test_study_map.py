@@ -361,7 +361,7 @@ def test_a_mistake_writes_nothing(here, arguments, line):
 def test_one_variable_gives_curves(here):
     done, message = map_of("one.parquet", "-o", "one.svg")
     assert done.exit_code == 0, message
-    assert message.splitlines()[-1].endswith("one.svg: 1 controllers over delay")
+    assert message.splitlines()[-1].endswith("one.svg: 1 controller over delay")
     picture = (here / "one.svg").read_text()
     for label in ("delay (s)", "steady-state error, RMS (°)", "more than half fell", "Floquet"):
         assert label in picture

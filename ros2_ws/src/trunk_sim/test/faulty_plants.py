@@ -204,6 +204,25 @@ def has_friction_with_the_wrong_sign(
     return accelerations(state, force + 2.0 * c.friction * state.x_dot, torque, c)
 
 
+@planted("energy")
+def loses_more_by_friction_than_a_wrong_factor_gives(
+    state: PlantState, force: float, torque: float, c: CartPole
+) -> Both:
+    """Friction does not hide what is lost one way and gained the other."""
+    sine, _ = sincos(state.theta)
+    swing = 0.1 * c.mass * c.length * sine * state.theta_dot * state.theta_dot
+    return accelerations(state, force + swing - 5.0 * state.x_dot, torque, c)
+
+
+@planted("energy")
+def has_friction_and_another_with_the_wrong_sign(
+    state: PlantState, force: float, torque: float, c: CartPole
+) -> Both:
+    """The other one is 0 by default."""
+    push = 2.0 * c.friction * state.x_dot - 0.1 * state.x_dot
+    return accelerations(state, force + push, torque, c)
+
+
 @planted("linear")
 def sticks(state: PlantState, force: float, torque: float, c: CartPole) -> Both:
     friction = 0.1 if state.x_dot > 0.0 else -0.1 if state.x_dot < 0.0 else 0.0

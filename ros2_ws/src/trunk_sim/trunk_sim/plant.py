@@ -299,11 +299,13 @@ class Plant:
             "operator.force": first.effort_unit,
         }
         unit = units.get(declared.name, declared.unit)
-        words = self.words
+        words = self.words if first.unit == "m" else self._of_turning
         choices = [*self.channel_units.items()]
         if law:
             unit, words = self._of_law(unit), self.of_drive
             choices = [(choice, self._of_law(chosen)) for choice, chosen in declared.units]
+        elif declared.unit_by and first.unit == "rad":  # of a disturbance's channel
+            unit = "N m or rad"
         elif declared.name in _OF_DRIVE or declared.name.startswith("actuator."):
             unit, words = self.of_drive(unit), self.of_drive
             if self.driven.unit == "m":
@@ -318,6 +320,11 @@ class Plant:
             choices=tuple(names.get(choice, choice) for choice in declared.choices),
             units=declared.units and tuple(choices),
         )
+
+    def _of_turning(self, text: str) -> str:
+        """Return a text about hip and trunk in the words of this plant, whose first coordinate turns."""
+        text = text.replace("a force, a torque", "a torque").replace("Initial x", "Initial angle")
+        return self.words(re.sub(r"\bforce\b", "torque", text))
 
     def _of_law(self, unit: str) -> str:
         """Return the unit of a law's parameter; a gain per metre is per unit of the first coordinate."""

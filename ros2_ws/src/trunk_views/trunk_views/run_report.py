@@ -41,7 +41,7 @@ from trunk_evidence.recorded_run import RecordedRun
 from trunk_evidence.run_metrics import QUANTITIES
 from trunk_recording.reader import RecordingError
 from trunk_recording.schemas import RunEvent
-from trunk_runs.nodes import CONTROLLERS
+from trunk_runs.nodes import CONTROLLERS, why_not_with
 from trunk_sim.plant import TRUNK
 
 from .comparison import (
@@ -103,6 +103,7 @@ class RunSection:
     events: tuple[tuple[float, str], ...]  # time in s, words
     later_events: int  # that are not listed
     branch: str  # its file, quoted for a shell; empty where it cannot be branched
+    controllers: tuple[str, ...]  # that a branch may have
     hip: bool  # False: another robot, of whose hip nothing is known
 
 
@@ -179,7 +180,6 @@ def render(report: Report) -> str:
         metric_text=metric_text,
         quantity_label=lambda key: report.words(quantity_label(key)),
         breakable=lambda name: Markup("<wbr>").join(re.split(r"(?<=[._])", name)),
-        controllers=CONTROLLERS,
     )
 
 
@@ -218,7 +218,7 @@ def said_of(view: RunView) -> list[str]:
 def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
     table, recording, events = view.table, view.recording, _events(view.run)
     state = "complete" if recording.complete else "incomplete"
-    fall = view.run.fall
+    fall, plant = view.run.fall, view.plant.name if view.plant else TRUNK
     facts = (
         ("controller", view.title),
         ("scenario", recording.provenance.get("scenario", "not recorded") or "none"),
@@ -246,6 +246,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         events=tuple(events[:_MOST_EVENTS]),
         later_events=len(events[_MOST_EVENTS:]),
         branch="" if view.run.another_robot else shell_words(str(view.path)),
+        controllers=tuple(name for name in CONTROLLERS if not why_not_with(plant, name)),
         hip=view.pictured,
     )
 

@@ -17,7 +17,7 @@ from trunk_sim.simulation import DivergedError
 from ..console.document import json_option, write_json
 from ..console.options import ControllerName, Number, check_folder, check_output, output_options
 from ..console.reading import WrittenResult, about_written, open_run
-from ..console.terminal import line_of, progress_bar, report_error
+from ..console.terminal import line_of, progress_bar, report_error, show_warnings
 
 if TYPE_CHECKING:
     from trunk_evidence.recorded_run import RecordedRun
@@ -134,6 +134,7 @@ def command(
     written: list[BranchedRun] = []
     failed = 0
     for branch, path, plan in zip(branches, paths, plans, strict=True):
+        show_warnings(plan.warnings)
         states, diverged = _recorded(parent, branch, plan, path, force)
         if as_json:
             failure = None if diverged is None else line_of(diverged)

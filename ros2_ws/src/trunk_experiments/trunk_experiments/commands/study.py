@@ -103,7 +103,8 @@ def map_command(
         x, y = axes[0], axes[1] if len(axes) > 1 else None
         write_json(MapResult(results, target, len(read.table), metric, x, y, drawn))
         return
-    click.echo(f"{target}: {len(drawn)} controllers over {' and '.join(axes)}")
+    what = "1 controller" if len(drawn) == 1 else f"{len(drawn)} controllers"
+    click.echo(f"{target}: {what} over {' and '.join(axes)}")
 
 
 def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) -> tuple[str, ...]:

@@ -143,7 +143,10 @@ def lqr_command(
         exclude("the gains of state_feedback are without an integral", "integral")
         largest |= {"position": position, "velocity": velocity}
     plan = _plan(controller, options)
-    _finish(plan, RICCATI[controller](plan, **largest, discrete=discrete), options)
+    unknown, remedy = ("delays", "") if discrete else ("the rate and delays", ", or --discrete")
+    unstable = f"the gains are made without {unknown}: give less for --torque{remedy}"
+    values = RICCATI[controller](plan, **largest, discrete=discrete)
+    _finish(plan, values, options, unstable=unstable)
 
 
 @command.command("relay")
@@ -300,10 +303,12 @@ def _finish(
     values: dict[str, Value],
     options: dict[str, Any],
     how: dict[str, Any] | None = None,
+    unstable: str = "",
 ) -> None:
     """Print the gains and their margins and write the file; refuse what the node would refuse.
 
     ``how``: the method's own results in the JSON document, under the method's name.
+    ``unstable``: a warning if the loop is not stable in any row.
     """
     from trunk_studies.tuning.stability_margins import plan_margins
 
@@ -315,6 +320,8 @@ def _finish(
     except PlanError as error:  # a law of another kind: its gains are worth no less
         margins = []
         show_warnings([f"no margins: {error}"])
+    if unstable and margins and all(row.margins is None for row in margins):
+        show_warnings([unstable])
     if options["output"] is not None:
         write(options["output"], {name: values})
     if options["as_json"]:

@@ -75,7 +75,7 @@ const checkSetup = (lab, { values, branch, pushes }) => {
   for (const push of pushes) {
     if (!Array.isArray(push) || push.length !== 3 || !push.every(Number.isFinite)) return "a push is damaged";
     if (!within(push[0]) || push[0] <= before) return "a push is at no time of the run, or not after the one before";
-    if (Math.abs(push[1]) > force || Math.abs(push[2]) > torque) return `a push is beyond ${force} N or ${torque} N·m`;
+    if (Math.abs(push[1]) > force || Math.abs(push[2]) > torque) return `a push is beyond operator.force, ${force}, or operator.torque, ${torque}`;
     before = push[0];
   }
   return within(late.at_ns) ? "" : "the branch is at no time of the run";
