@@ -151,5 +151,7 @@ def test_a_gap_of_minutes_is_written_in_full(tmp_path, trunk, whole):
     kept = lambda k, *stamp: stamp  # noqa: E731
     later = lambda k, log: log + 1_234_567 * MS * (k > 30)  # noqa: E731
     path = restamped(whole, tmp_path / "a.mcap", kept, log_of=later)
-    (row,) = [line.split() for line in trunk("info", path)[1].splitlines() if line.startswith(TRUTH)]
+    (row,) = [
+        line.split() for line in trunk("info", path)[1].splitlines() if line.startswith(TRUTH)
+    ]
     assert "1234572" in row
