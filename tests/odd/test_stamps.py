@@ -145,3 +145,13 @@ def test_what_is_measured_does_not_depend_on_the_order_of_messages(tmp_path, tru
     expected = measured(trunk, restamped(whole, tmp_path / "a.mcap", kept))
     mixed = restamped(whole, tmp_path / "b.mcap", kept, random.Random(seed).shuffle)
     assert measured(trunk, mixed) == expected
+
+
+def test_a_gap_of_minutes_is_written_in_full(tmp_path, trunk, whole):
+    kept = lambda k, *stamp: stamp  # noqa: E731
+    later = lambda k, log: log + 1_234_567 * MS * (k > 30)  # noqa: E731
+    path = restamped(whole, tmp_path / "a.mcap", kept, log_of=later)
+    (row,) = [
+        line.split() for line in trunk("info", path)[1].splitlines() if line.startswith(TRUTH)
+    ]
+    assert "1234572" in row

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import make_dataclass, replace
 from itertools import cycle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from trunk_runs.offline_recording import record_offline
 from trunk_runs.plan import make_plan
 from trunk_sim.config import TrunkSimulator
 from trunk_sim.plant import PLANTS, Coordinate, PlantConfig
+from trunk_sim.plants.trunk import PLANT
 from trunk_studies.batch.compiled_run import run_compiled
 from trunk_studies.batch.kernel import kernel_of, start_of_run, words_of
 from trunk_studies.study import parse_study
@@ -37,7 +39,7 @@ from trunk_studies.tuning.floquet import prepared
 from trunk_views.plots import overview
 from trunk_views.report_data import report_data
 from trunk_views.run_report import make_report
-from trunk_views.run_view import RunView
+from trunk_views.run_view import RunView, of_either_drive
 
 from ...trunk_recording.test.mcap_files import ANEW, content, write_file
 from ...trunk_studies.test.cpp_device import COMPILER, CppDevice, summary_in
@@ -413,6 +415,20 @@ def test_of_several_plants_each_has_its_words_and_all_an_effort(recorded, short_
     assert units == ["N·m", "N"]
     texts = [text.get_text() for text in overview(views).findobj(Text)]
     assert {"effort limits", "Path, travelled range in colour", "$y$ (m)"} <= {*texts}
+
+
+@pytest.mark.parametrize(
+    ("plants", "either"),
+    [
+        ([PLANTS.named("cart_pole")], False),
+        ([None], True),
+        ([PLANT, PLANTS.named("cart_pole")], True),
+        ([PLANT, None], True),
+        ([PLANT, replace(PLANT, name="another")], False),  # each makes a torque
+    ],
+)
+def test_an_effort_is_a_force_or_a_torque(plants, either):
+    assert of_either_drive([SimpleNamespace(plant=plant) for plant in plants]) is either
 
 
 def test_what_users_name_keeps_its_name(recorded, reported, tmp_path):

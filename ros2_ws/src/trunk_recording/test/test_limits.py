@@ -8,7 +8,7 @@ from trunk_recording import joint_table, mcap_file, messages, reader, schemas
 from trunk_recording.cdr import layout_of
 from trunk_recording.reader import Recording, RecordingError
 
-from .mcap_files import channel, chunk, message, schema, write_records
+from .mcap_files import channel, chunk, message, raw, schema, start, write_records
 
 TYPE = topics.JOINT_STATE_TYPE
 DESCRIBED = schema(1, TYPE) + channel(1, "/a")
@@ -29,6 +29,15 @@ def test_a_file_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_file, "allowed", lambda size: 150_000)
     with pytest.raises(RecordingError, match="a is too large to be read: more than 150000 bytes"):
         opened(tmp_path / "a", one, one)
+
+
+def test_a_record_that_claims_too_much_is_not_read(tmp_path):
+    path, length = tmp_path / "a", messages.LIMIT + 1
+    path.write_bytes(start("foreign") + raw(4, length=length))
+    with path.open("r+b") as file:
+        file.truncate(path.stat().st_size + length)  # of zeros, which take no room on the disk
+    warning, *_ = Recording.open(path).warnings
+    assert f"claims {length} bytes, more than the {messages.LIMIT} that are read" in warning
 
 
 def test_a_file_of_too_many_channels_is_refused(tmp_path):

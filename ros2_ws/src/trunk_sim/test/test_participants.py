@@ -76,8 +76,13 @@ def test_a_standby_node_is_awaited_however_long_it_has_been_matched():
     those.hear("/pid", "deactivated", {})  # before the simulator that hears it began
     assert those.missing(16.0) == ["effort_command"]
     assert those.idle() == ["/pid"]
+    those.hear("/fuzzy_pid", "ready", COMMAND)
+    assert those.idle() == []  # the other one acts
+    those.hear("/fuzzy_pid", "deactivated", {})
+    assert those.idle() == ["/fuzzy_pid", "/pid"]
     those.hear("/pid", "activated", {})  # not ready a second time: it was before
     assert those.missing(16.0) == []
+    assert those.idle() == []
 
 
 def test_all_controllers_that_take_turns_are_awaited():

@@ -157,8 +157,9 @@ class Participants:
         return [name for name in self._command_givers() if name not in self._configured]
 
     def idle(self) -> list[str]:
-        """Return the controllers that are ready but inactive: they are there, and none of them acts."""
-        return sorted(self._ready_on(topics.EFFORT_COMMAND) & self._inactive)
+        """Return the controllers that are ready but inactive; none where one of them acts."""
+        ready = self._ready_on(topics.EFFORT_COMMAND)
+        return sorted(ready) if ready <= self._inactive else []
 
     def acting(self) -> list[str]:
         """Return the active publishers of commands; those that take turns count as one."""

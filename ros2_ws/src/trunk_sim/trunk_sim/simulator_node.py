@@ -229,7 +229,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             )
         missing = ", ".join(started_by.get(name, name) for name in self._missing)
         if topics.EFFORT_COMMAND not in self._missing or self._running or idle:
-            return Wait(missing, unmet=bool(missing) and not idle)
+            met = {topics.EFFORT_COMMAND} if idle else set()
+            return Wait(missing, unmet=not met.issuperset(self._missing))
         now = time.monotonic()
         if now - self._looked_s >= _LOOK_EVERY_S:
             self._looked_s = now

@@ -191,15 +191,16 @@ def plant_of(views: Sequence[RunView]) -> Plant | None:
 
 
 def of_either_drive(views: Sequence[RunView]) -> bool:
-    """Return True if no one of force and torque is known to be what all runs' drives make."""
-    plants = {view.plant for view in views if not view.run.another_robot}
-    return len(plants) > 1 or any(view.unknown_plant for view in views)
+    """Return True if a text about all runs' drives may be about forces as well as about torques."""
+    plants = {view.plant for view in views}
+    forces = any(plant is None or plant.driven.unit == "m" for plant in plants)
+    return forces and (len(plants) > 1 or None in plants)
 
 
 def words_of(views: Sequence[RunView]) -> Callable[[str], str]:
     """Return the function that puts a text of ours about the trunk into the words of the runs' plant.
 
-    The drives of several plants, and of one that is not installed here, may make a force or a torque.
+    Of a plant that is not installed here it is not known whether its drive makes a force or a torque.
     """
     if of_either_drive(views):
         return _in_either

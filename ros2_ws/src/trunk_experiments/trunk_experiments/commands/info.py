@@ -195,7 +195,7 @@ def command(context: click.Context, run: Path, check: bool, as_json: bool) -> No
             t.type.rsplit("/", 1)[-1],
             str(t.messages),
             "" if t.rate_hz is None else f"{t.rate_hz:.5g}",
-            "" if t.longest_gap_s is None else f"{round(1e3 * t.longest_gap_s, 2):g}",
+            "" if t.longest_gap_s is None else f"{round(1e3 * t.longest_gap_s, 3):.12g}",
             "?" if t.bytes is None else decimal(t.bytes),
         )
         for name, t in content.topics.items()

@@ -211,7 +211,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
     type=WholeRange(0, 2**31 - 1),
     help="With --study: of the draws by which the result is judged.  [default: the study's + 1]",
 )
-@jobs_option("Processes on this machine; one below 100 runs a generation.")
+@jobs_option("Processes on this machine; a single one where a generation has at most 100 runs.")
 def optimise_command(
     controller: str,
     scenarios: tuple[str, ...],
