@@ -203,8 +203,8 @@ def test_a_page_that_was_cut_off_comes_back(opened, served):
         served.call(lambda: [one.send_away("cut off", 1001) for one in served.gateway.clients])
         page.wait_for_function("(before) => known.client !== before", arg=before)
     until(page, "document.getElementById('link').textContent", "connected")
-    served.call(served.graph.go, served.graph.t + 0.1)
     rows = page.evaluate("() => known.control.count")
+    served.call(served.graph.go, served.graph.t + 0.1)
     page.wait_for_function("(before) => known.control.count > before", arg=rows)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
@@ -151,8 +150,8 @@ class NodeParameters(Generic[Config]):
                 elif self._declared[name].kind.endswith("array"):
                     given[name] = ()  # YAML's [] has no type in ROS 2 and arrives as "not set"
             # Files for several nodes contain, under "/**", many parameters that a node does not have; a
-            # near miss is more likely a typo. One on the command line is an error, which has its own line.
-            elif not of_every_node(name) and not any(f"{name}:=" in word for word in sys.argv):
+            # near miss is more likely a typo.
+            elif not of_every_node(name):
                 close = get_close_matches(name, list(self._declared), n=1, cutoff=0.85)
                 if close:
                     self._node.get_logger().warning(
