@@ -23,6 +23,9 @@ def test_a_notebook_runs_and_draws(name, expected, tmp_path, monkeypatch):
     pytest.importorskip("ipykernel", reason="requirements/notebook.txt")
     for place in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR", "MPLCONFIGDIR"):
         monkeypatch.setenv(place, str(tmp_path / "kernel"))
+    # The command sets them for its process: here, that of a test before.
+    for setting in ("MPLBACKEND", "MATPLOTLIBRC"):
+        monkeypatch.delenv(setting, raising=False)
     work = tmp_path / "work"
     work.mkdir()
     book = nbformat.read(EXAMPLES / name, as_version=4)
