@@ -164,6 +164,11 @@ class ControllerConfig(ReferenceConfig):
         return None
 
     @property
+    def hip_gains(self) -> tuple[float, float]:
+        """kx, kv of a part ``-(kx q + kv q')`` of the command, q the hip's position; 0: no such part."""
+        return 0.0, 0.0
+
+    @property
     def uses_rate(self) -> bool:
         """True if the law uses the measured rate; a state without it is then not answered."""
         return self.derivative_mode == "rate" or self.hip is not None

@@ -66,6 +66,11 @@ class StateFeedbackConfig(WithGains, ControllerConfig):
         """The joint of the other coordinate."""
         return self.hip_joint
 
+    @property
+    def hip_gains(self) -> tuple[float, float]:
+        """The gains of the other coordinate and its rate."""
+        return self.x, self.v
+
 
 def hip_feedback(hip: Hip, constants: Constants) -> float:
     """Return ``-(kx q + kv q')`` of the other coordinate q, N m."""

@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from trunk_control.decide import transfer_limits
-from trunk_control.law import ControllerConfig, LawMemory, LawTerms, Limits, limited
+from trunk_control.law import ControllerConfig, Hip, LawMemory, LawTerms, Limits, limited
 from trunk_control.laws import law_named
 from trunk_control.pid_family import Terms
 from trunk_control.rule_base import RuleBaseConfig
@@ -24,6 +24,8 @@ from trunk_recording.reader import RecordingError
 from trunk_runs.nodes import CONTROLLERS, unknown_controllers
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.inputs import with_operator
+from trunk_sim.plant import Plant
+from trunk_sim.plants.trunk import PLANT
 
 from .doubts import RecordingResult, about
 from .evidence import RecordedInputs, recorded_turns
@@ -68,6 +70,18 @@ class Windup(NamedTuple):
         return not same(self.after, self.used)
 
 
+class Feedback(NamedTuple):
+    """Position or rate of a law's `hip_joint`, as measured, and what it asks for: ``-gain value``."""
+
+    quantity: str
+    symbol: str  # x or v
+    value: float
+    unit: str
+    gain: float  # 0: none
+    gain_unit: str
+    share: float  # in the unit of the command
+
+
 def _flat(rules: Sequence[Rule]) -> list[dict[str, str | float]]:
     """Return rules as JSON has them: ``kp_label``, ``kp`` and so on for each output."""
     flat: list[dict[str, str | float]] = []
@@ -109,6 +123,7 @@ class Explanation(RecordingResult, document="explain-1"):
     terms: Annotated[LawTerms, _TERMS, "As the law names them on ~/state; effort: after the limits"]
     units: Annotated[Mapping[str, str], "Of the terms"]
     by_model: Annotated[float, "N m, what a law adds to P, I and D, from a model or the hip"]
+    hip: Annotated[tuple[Feedback, ...], "Parts of by_model; empty: the law does not use it"]
     limits: Annotated[tuple[float, float], _LIMITS, "N m, in force at the update; null: none"]
     limited: Annotated[bool, "The limits changed the command"]
     handing_over: Annotated[bool, "The limits are a handover's, around the torque that acted"]
@@ -138,6 +153,7 @@ class _Update(NamedTuple):
     config: ControllerConfig
     took_over: bool  # from another controller, to whose torque the integral was set
     handing_over: bool
+    hip: Hip
     law: Limits  # with the limits in force
 
 
@@ -218,6 +234,7 @@ def _explain(run: RecordedRun, at: float) -> Explanation:
         rules=_rules(terms, config) if isinstance(config, RuleBaseConfig) else (),
         changed_tables=_changed_tables(config) if isinstance(config, RuleBaseConfig) else {},
         by_model=by_model,
+        hip=() if config.hip is None else _of_hip(config, update.hip, run.plant or PLANT),
         limits=(update.law.u_min, update.law.u_max),
         limited=not same(terms.unsaturated, terms.effort),
         handing_over=update.handing_over,
@@ -266,6 +283,7 @@ def _update(rerun: Rerun, name: str, stamp_ns: int) -> _Update:
         config,
         pending,
         transferring,
+        reading.hip,
         transfer_limits(config.limits, effort, config.handover_step)
         if transferring
         else config.limits,
@@ -293,6 +311,16 @@ def _changed_tables(config: RuleBaseConfig) -> dict[str, str]:
         for now, usual in pairs
         if now.rows != usual.rows
     }
+
+
+def _of_hip(config: ControllerConfig, hip: Hip, plant: Plant) -> tuple[Feedback, ...]:
+    unit, per = plant.coordinates[config.hip == config.joint].unit, plant.of_drive
+    (q, rate), (kx, kv) = hip, config.hip_gains
+    of_x, of_v = per(f"N m/{unit}"), per(f"N m s/{unit}")
+    return (  # 0 - ...: never -0
+        Feedback(f"{config.hip} position", "x", q, unit, kx, of_x, 0.0 - kx * q),
+        Feedback(f"{config.hip} rate", "v", rate, f"{unit}/s", kv, of_v, 0.0 - kv * rate),
+    )
 
 
 def _windup(update: _Update) -> Windup:

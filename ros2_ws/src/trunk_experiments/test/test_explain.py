@@ -1,6 +1,7 @@
 """`trunk explain`: one update, term by term, equal to what was recorded."""
 
 import json
+import re
 from dataclasses import replace
 from math import pi
 
@@ -146,3 +147,58 @@ def test_the_command(short_run):
         trunk, ["explain", str(short_run("fig8", "pid")), "--at", "1", "--json"]
     )
     assert json.loads(plain.output)["limits"] == [None, None]
+
+
+@pytest.fixture(scope="module")
+def on_a_cart(tmp_path_factory):
+    plan = make_plan("cart_pole", "state_feedback", settings=["simulator.duration=0.5"])
+    path = tmp_path_factory.mktemp("cart") / "run.mcap"
+    record_offline(plan, path)
+    return path
+
+
+@pytest.mark.parametrize("at", [0.0, 0.3])
+def test_what_each_state_asks_for(on_a_cart, at):
+    run = RecordedRun.open(on_a_cart)
+    found, config = explain(run, at), run.parameters["state_feedback"]
+    position, rate = found.hip
+    states = run.joints("joint_states")
+    row = int(np.flatnonzero(states.stamp_ns <= round(at * 1e9))[-1])
+    x, v = (states.column(kind, "cart")[row] for kind in ("position", "velocity"))
+    kx, kv = config["gains.x"], config["gains.v"]
+    assert position == ("cart position", "x", x, "m", kx, "N/m", -kx * x)
+    assert rate == ("cart rate", "v", v, "m/s", kv, "N s/m", -kv * v)
+    assert position.share + rate.share == pytest.approx(found.by_model, abs=1e-12)
+    says = CliRunner().invoke(trunk, ["explain", str(on_a_cart), "--at", str(at)]).output
+    cells = (re.split(r"  +", line.strip()) for line in says.split("\n"))
+    rows = {name: rest for name, *rest in cells}
+    assert rows["cart position"] == [f"{x:.6g}", "m"]
+    assert rows["cart rate"] == [f"{v:.6g}", "m/s"]
+    assert rows["-Kx x: cart position"] == [f"{position.share:.6g}", "N"]
+    assert rows["-Kv v: cart rate"] == [f"{rate.share:.6g}", "N"]
+    assert (rows["Kx"], rows["Kv"]) == (["-33.3333", "N/m"], ["-36.1207", "N s/m"])
+    assert rows["alpha = Kp^2 / (Ki Kd)"] == ["–"]
+
+
+def test_a_law_may_feed_back_the_hip_or_only_use_it_or_neither(short_run):
+    def at(controller, *settings):
+        path = short_run("fig8", controller, settings=settings)
+        says = CliRunner().invoke(trunk, ["explain", str(path), "--at", "0.7"]).output
+        return explain(RecordedRun.open(path), 0.7), says
+
+    found, says = at("pid")
+    assert found.hip == ()
+    assert "hip" not in says
+    found, says = at("computed_torque")
+    assert [part.share for part in found.hip] == [0.0, 0.0]
+    assert "hip rate" in says
+    assert "Kx" not in says
+    found, says = at("state_feedback", "state_feedback.gains.v=2.0")
+    assert found.by_model == pytest.approx(found.hip[1].share, abs=1e-12)
+    assert re.search(r"  Kv +2 +N m s/m\n", says)
+    assert "Kx" not in says
+    found, says = at(
+        "state_feedback", "state_feedback.gains.v=2.0", "state_feedback.hip_joint=trunk"
+    )
+    assert [part.unit for part in found.hip] == ["rad", "rad/s"]
+    assert re.search(r"  Kv +2 +N m s/rad\n", says)

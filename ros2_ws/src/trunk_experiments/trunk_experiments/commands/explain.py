@@ -109,15 +109,17 @@ def _disturbance_rows(acting: Disturbance, plant: Plant) -> list[Row]:
 def _shares(explanation: Explanation) -> list[Row]:
     """Return the rows of the terms that a law of the PID's kind adds up."""
     terms = explanation.terms
+    fed = [p for p in explanation.hip if p.gain]
     return [
         ("P: Kp e", f"{terms.p_term:.6g}", "N m"),
         ("I: Ki times the integral", f"{terms.i_term:.6g}", "N m"),
         ("D: Kd times the derivative", f"{terms.d_term:.6g}", "N m"),
         *(
             [("besides P, I and D", f"{explanation.by_model:.6g}", "N m")]
-            if explanation.by_model
+            if explanation.by_model or fed
             else []
         ),
+        *((f"  -K{p.symbol} {p.symbol}: {p.quantity}", f"{p.share:.6g}", "N m") for p in fed),
         ("their sum", f"{terms.unsaturated:.6g}", "N m"),
     ]
 
@@ -125,11 +127,13 @@ def _shares(explanation: Explanation) -> list[Row]:
 def _gains(explanation: Explanation) -> list[Row]:
     """Return the rows of its gains."""
     terms = explanation.terms
+    defined = terms.alpha or terms.ki * terms.kd > 0.0
     return [
         ("Kp", f"{terms.kp:.6g}", "N m/rad"),
         ("Ki", f"{terms.ki:.6g}", "N m/(rad s)"),
         ("Kd", f"{terms.kd:.6g}", "N m s/rad"),
-        ("alpha = Kp^2 / (Ki Kd)", f"{terms.alpha:.6g}", ""),
+        *((f"K{p.symbol}", f"{p.gain:.6g}", p.gain_unit) for p in explanation.hip if p.gain),
+        ("alpha = Kp^2 / (Ki Kd)", f"{terms.alpha:.6g}" if defined else "–", ""),
     ]
 
 
@@ -168,6 +172,7 @@ def _show(explanation: Explanation, plant: Plant) -> None:
         ("true angle", *truth),
         ("error e", f"{degrees(explanation.error):.6g}", "°"),
         rate,
+        *((p.quantity, f"{p.value:.6g}", p.unit) for p in explanation.hip),
         *_disturbance_rows(explanation.disturbance, plant),
     ]
     print_table("inputs", ("quantity", "value", "unit"), rows)
