@@ -31,7 +31,7 @@ from .webassembly import numbers_of_loop, values_of_loop
 _TRIES = 8
 SEED = "seed"  # the page draws the sensors' noise itself
 # `simulator.initial_state` is put into the loop by `step.at_rest`, which a lab runs itself.
-_COMPUTED = "state.trunk.fallen"
+_FALLEN = "state.trunk.fallen"
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class KnobSearch:
         """Take a plan with one controller."""
         self.plan = plan
         self._numbers = numbers_of_loop(plan)
-        self._fallen = [number.place for number in self._numbers].index(_COMPUTED)
+        self._fallen = [number.place for number in self._numbers].index(_FALLEN)
         places = itertools.count()
         self._places = [next(places) if number.place else -1 for number in self._numbers]
 
