@@ -23,8 +23,8 @@ from trunk_experiments.lab.experiment import (
     read_experiment,
     record_experiment,
 )
-from trunk_experiments.lab.knobs import KnobSearch
-from trunk_experiments.lab.webassembly import NAMES
+from trunk_experiments.lab.knobs import KnobSearch, with_value
+from trunk_experiments.lab.webassembly import NAMES, values_of_loop
 from trunk_runs.offline_recording import record_offline
 from trunk_runs.plan import RunPlan, make_plan
 from trunk_runs.timeline import Change
@@ -188,6 +188,20 @@ def test_what_a_lab_lacks_is_the_reason_why_it_is_refused(trunk, tmp_path):
         code, _, err = trunk("lab", "demo", "--set", f"simulator.{name}=0.1", "-o", page)
         assert (code, len(err.splitlines())) == (2, 1)
         assert err.endswith(f"{NO_LINKS}: leave out link.* and sensor.dropout\n")
+
+
+def test_a_knob_takes_no_value_that_changes_other_numbers():
+    """A negative upper limit is also the command that a controller begins with."""
+    plan = make_plan("demo", "pid")
+    knob = KnobSearch(plan).of("pid").knobs["u_clamp_max"]
+    changes = {}
+    for value in (-50.0, 50.0):
+        after = values_of_loop(with_value(plan, "pid", "u_clamp_max", value))
+        changes[value] = sum(
+            old != new for old, new in zip(values_of_loop(plan), after, strict=True)
+        )
+    assert changes == {-50.0: 3, 50.0: len(knob.places)}
+    assert knob.low == 0.0
 
 
 def test_a_wrong_branch_is_named_as_the_files(document, trunk, tmp_path):

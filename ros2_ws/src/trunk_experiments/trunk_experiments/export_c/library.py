@@ -9,15 +9,19 @@ from __future__ import annotations
 import json
 import random
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from string import Template
 from struct import pack
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from trunk_control.controller import Controller, settings_of
 from trunk_control.decide import (
@@ -37,17 +41,18 @@ from trunk_core import topics
 from trunk_core.c.program import ARITHMETIC as PRELUDE
 from trunk_core.c.program import INCLUDES, RESERVED, definition, real_literal, template
 from trunk_core.c.translate import Program, indented
-from trunk_core.c.types import REAL, RecordType, Static, Type, type_of
+from trunk_core.c.types import RecordType, Static, Type, type_of
 from trunk_core.errors import PlanError
 from trunk_core.parameters.declarations import (
     Declaration,
     ParameterError,
-    build,
+    changed,
     declarations,
+    value_of,
     values_of,
 )
 from trunk_core.topics import Event
-from trunk_core.units import seconds
+from trunk_core.units import nanoseconds, seconds
 from trunk_evidence.recorded_run import RecordedRun
 from trunk_recording.provenance import ARITHMETIC
 from trunk_runs.timeline import Change
@@ -190,43 +195,79 @@ class ExportedController:
         return [ExportedStep(reading, out.effort, out.active) for reading, out in outputs]
 
 
-def _leaves_of(config: ControllerConfig, program: Program, t: Type) -> Iterator[Leaf]:
-    """Yield the parameters that may change while the controller runs and are one number of its constants.
+COMPUTED = ""
+# What a parameter's value is as a number of each kind.
+_KINDS: dict[str, Callable[[Any], float]] = {
+    "real": float,
+    "integer": lambda value: value,
+    "ns": lambda value: nanoseconds(value) if isfinite(value) else value,
+}
 
-    Each is tried with other values: exactly that number takes the value, bit by bit, and all else keeps its
-    bits.
+
+def made_of(
+    values: Iterable[Any], numbers: Callable[[Any], Iterable[object]]
+) -> dict[Any, list[str]]:
+    """Return the numbers that are made of each allowed value of a parameter, exactly, as texts."""
+    made = {}
+    for value in values:
+        with suppress(ParameterError, PlanError):
+            made[value] = [
+                repr(number.item() if isinstance(number, np.generic) else number)
+                for number in numbers(value)
+            ]
+    return made
+
+
+def form_of(made: Mapping[Any, Sequence[str]]) -> list[str] | None:
+    """Return what each number is, made of several values: its text, or the kind as which it is the value.
+
+    COMPUTED: it changes in another way; None: they are not as many for each value.
     """
+    if len(set(map(len, made.values()))) > 1:
+        return None
+    return [_kind(made, texts) for texts in zip(*made.values(), strict=True)]
+
+
+def _kind(values: Iterable[Any], texts: Sequence[str]) -> str:
+    if len(set(texts)) == 1:
+        return texts[0]
+    for kind, number in _KINDS.items():
+        if all(repr(number(v)) == text for v, text in zip(values, texts, strict=True)):
+            return kind
+    return COMPUTED
+
+
+def varying(form: Sequence[str]) -> list[int]:
+    """Return the indices of the numbers that change with the parameter."""
+    return [i for i, text in enumerate(form) if text == COMPUTED or text in _KINDS]
+
+
+def _leaves_of(config: ControllerConfig, program: Program, t: Type) -> Iterator[Leaf]:
+    """Yield the parameters that may change while the controller runs and are one number of its constants."""
+    places = [place for place, _ in _numbers(program, config.constants, t)]
+
+    def numbers(name: str, value: float) -> list[object]:
+        constants = changed(config, {name: value}).constants
+        return [number for _, number in _numbers(program, constants, t)]
+
     for name, declared in declarations(type(config)).items():
         if declared.fixed or declared.kind != "double":
             continue
-        places = {_place_of(config, name, factor, program, t) for factor in _FACTORS} - {None}
-        if len(places) == 1 and (place := places.pop()):
-            yield Leaf(declared, name.replace(".", "_"), place)
-
-
-def _place_of(
-    config: ControllerConfig, name: str, factor: float, program: Program, t: Type
-) -> str | None:
-    """Return the number that a parameter is; empty if it is none, None if the value is not allowed."""
-    values = values_of(config)
-    value = float(values[name]) * factor or 0.001953125 * factor  # type: ignore[arg-type]
-    try:
-        other = build(type(config), {**values, name: value})
-    except ParameterError:
-        return None
-    before, after = (list(_numbers(program, c.constants, t)) for c in (config, other))
-    changed = [new for old, new in zip(before, after, strict=False) if old != new]
-    single = len(after) == len(before) and len(changed) == 1
-    return changed[0][0] if single and changed[0][1] == pack("<d", value) else ""
+        now: Any = value_of(config, name)
+        values = (now, *((now or 0.001953125) * factor for factor in _FACTORS))
+        form = form_of(made_of(values, partial(numbers, name))) or ()
+        match varying(form):
+            case [i] if form[i] == "real":
+                yield Leaf(declared, name.replace(".", "_"), places[i])
 
 
 def _numbers(program: Program, value: Any, t: Type, place: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the places of the doubles of a value and their bits; everything else as it is."""
+    """Yield the numbers of a value, everything else as it is, and their places."""
     if isinstance(t, RecordType):
         for i, (item, inner) in enumerate(zip(value, t.types, strict=True)):
             yield from _numbers(program, item, inner, f"{place}.{program.field(t, i)}")
     else:
-        yield place, pack("<d", value) if t == REAL else repr(value)
+        yield place, value
 
 
 # From a recording, and what a replay reads ---------------------------------------------------------------

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 import random
-import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,26 +14,24 @@ from math import inf, isfinite
 from typing import Any
 
 from trunk_control.rule_base import RuleBaseConfig
-from trunk_core.errors import PlanError
 from trunk_core.parameters.declarations import (
     Declaration,
     ParameterError,
     Value,
-    build,
+    changed,
     declarations,
     values_of,
 )
-from trunk_core.units import nanoseconds
 from trunk_runs.plan import RunPlan
 
+from ..export_c.library import COMPUTED, form_of, made_of, varying
 from .experiment import NO_LINKS
 from .webassembly import numbers_of_loop, values_of_loop
 
 _TRIES = 8
-_NANOSECONDS, _REAL, _INTEGER = "ns", "real", "integer"
 SEED = "seed"  # the page draws the sensors' noise itself
 # `simulator.initial_state` is put into the loop by `step.at_rest`, which a lab runs itself.
-_COMPUTED = "state.trunk.fallen"
+_FALLEN = "state.trunk.fallen"
 
 
 @dataclass(frozen=True)
@@ -86,11 +83,10 @@ class NoKnobError(Exception):
 
 def with_value(plan: RunPlan, node: str, name: str, value: Value) -> RunPlan:
     """Return a plan with one other value. Raises ParameterError, PlanError."""
-    config = plan.configs[node]
-    changed = build(type(config), {**values_of(config), name: value})
+    other = changed(plan.configs[node], {name: value})
     if node in plan.controllers:
-        return replace(plan, controllers={**plan.controllers, node: changed})
-    return replace(plan, **{node: changed})
+        return replace(plan, controllers={**plan.controllers, node: other})
+    return replace(plan, **{node: other})
 
 
 @dataclass
@@ -109,7 +105,7 @@ class KnobSearch:
         """Take a plan with one controller."""
         self.plan = plan
         self._numbers = numbers_of_loop(plan)
-        self._before = values_of_loop(plan)
+        self._fallen = [number.place for number in self._numbers].index(_FALLEN)
         places = itertools.count()
         self._places = [next(places) if number.place else -1 for number in self._numbers]
 
@@ -165,9 +161,8 @@ class KnobSearch:
                 yield Order(less, more, not self._fits(node, {less: level, more: level}))
 
     def _fits(self, node: str, values: Mapping[str, Value]) -> bool:
-        config = self.plan.configs[node]
         try:
-            build(type(config), {**values_of(config), **values})
+            changed(self.plan.configs[node], values)
         except ParameterError:
             return False
         return True
@@ -183,44 +178,11 @@ class KnobSearch:
             knob = replace(knob, low=knob.low / 10.0, high=knob.high / 10.0)
         return knob
 
-    def _changed(self, node: str, name: str, value: Value) -> dict[int, object] | None:
-        """Return the numbers that another value changes, by place; None if the value is not allowed.
-
-        Raises NoKnobError where it changes what is no number.
-        """
-        try:
-            after = values_of_loop(with_value(self.plan, node, name, value))
-        except (ParameterError, PlanError):
-            return None
-        if list(map(type, after)) != list(map(type, self._before)):
-            raise NoKnobError("it changes the form of the equations")
-        changed = {}
-        for i, (old, new) in enumerate(zip(self._before, after, strict=True)):
-            if _bits(old) == _bits(new) or self._numbers[i].place == _COMPUTED:
-                continue
-            if self._places[i] < 0:
-                raise NoKnobError("it changes the form of the equations")
-            changed[self._places[i]] = new
-        return changed
-
-    def _place(
-        self, node: str, name: str, value: Value, number: float
-    ) -> tuple[str, tuple[int, ...]]:
-        """Return kind and places of the numbers that a value sets; none if it is not allowed.
-
-        Raises NoKnobError.
-        """
-        changed = self._changed(node, name, value)
-        if changed is None:
-            return "", ()
-        if not changed:
-            raise NoKnobError("the loop does not use it")
-        kinds = {_kind(new, number) for new in changed.values()}
-        if len(kinds) > 1 or "" in kinds:
-            several = len(changed) > 1
-            numbers = f"{len(changed)} numbers are" if several else "a number is"
-            raise NoKnobError(f"{numbers} computed from it")
-        return kinds.pop(), tuple(changed)
+    def _loop(self, node: str, name: str, value: Any) -> list[object]:
+        """Return the loop's values with another value. Raises ParameterError, PlanError."""
+        values = values_of_loop(with_value(self.plan, node, name, value))
+        values[self._fallen] = None
+        return values
 
     def _array(self, node: str, declared: Declaration, now: Any) -> Knob:
         if not len(now):
@@ -244,47 +206,34 @@ class KnobSearch:
         """Return the knob of one number: over all that is allowed, or what is not below or above 0."""
         low = max(v for v in (declared.minimum, declared.above, -inf) if v is not None)
         high = inf if declared.maximum is None else declared.maximum
-        reason: NoKnobError | None = None
+        special = {0.0, low, high, -1.0, 1.0} - {now, inf, -inf}
+        values = [v for v in (*special, *_tries(declared, now)) if low <= v <= high]
+        kind = int if declared.kind == "integer" else float
+        made = made_of(
+            [now, *map(kind, values)],
+            lambda value: self._loop(node, declared.name, whole(value)),
+        )
+        reason = ""
         for bottom, top in ((low, high), (max(low, 0.0), high), (low, min(high, 0.0))):
-            if bottom <= now <= top and bottom < top:
-                try:
-                    return self._within(node, declared, now, whole, bottom, top)
-                except NoKnobError as error:
-                    reason = reason or error
-        raise reason or NoKnobError("no other value is allowed")
-
-    def _within(
-        self,
-        node: str,
-        declared: Declaration,
-        now: Any,
-        whole: Callable[[Any], Value],
-        low: float,
-        high: float,
-    ) -> Knob:
-        places = {
-            self._place(node, declared.name, whole(value), value)
-            for value in _tries(declared, now, low, high)
-        } - {("", ())}
-        if len(places) != 1:
-            reason = (
-                "it sets other numbers at other values" if places else "no other value is allowed"
-            )
-            raise NoKnobError(reason)
-        kind, place = places.pop()
-        excluded = []
-        for special in {0.0, low, high, -1.0, 1.0} - {now, inf, -inf}:
-            if low <= special <= high:
-                value = int(special) if declared.kind == "integer" else special
-                try:
-                    if self._place(node, declared.name, whole(value), special)[1] not in (
-                        (),
-                        place,
-                    ):
-                        excluded.append(special)
-                except NoKnobError:
-                    excluded.append(special)
-        return Knob((place,), kind, low, high, tuple(excluded))
+            inside = {v: texts for v, texts in made.items() if bottom <= v <= top}
+            tried = {v: texts for v, texts in inside.items() if v not in special}
+            if now not in inside or len(tried) < 2:
+                continue
+            form = form_of(tried)
+            changing = [] if form is None else varying(form)
+            places = tuple(self._places[i] for i in changing)
+            if form is None or -1 in places:
+                reason = reason or "it changes the form of the equations"
+            elif not places:
+                reason = reason or "the loop does not use it"
+            elif len(kinds := {form[i] for i in changing}) > 1 or COMPUTED in kinds:
+                numbers = f"{len(places)} numbers are" if len(places) > 1 else "a number is"
+                reason = reason or f"{numbers} computed from it"
+            else:
+                given = [v for v in special if v in inside]
+                excluded = tuple(v for v in given if form_of({**tried, v: inside[v]}) != form)
+                return Knob((places,), kinds.pop(), bottom, top, excluded)
+        raise NoKnobError(reason or "no other value is allowed")
 
     def _table(self, node: str, name: str, config: RuleBaseConfig) -> RuleKnob:
         table = next(table for table in config.tables if f"rules.{table.name}" == name)
@@ -292,51 +241,26 @@ class KnobSearch:
         cells = [row.split() for row in rows]
         labels = dict(table.centers)
         rng = random.Random(name)
-        for _ in range(3):
-            chosen = [[rng.choice(list(labels)) for _ in row] for row in cells]
-            changed = self._changed(node, name, tuple(map(" ".join, chosen)))
-            if not changed:
-                raise NoKnobError("the loop does not use it")
-            first = self._start_of(changed, [labels[label] for row in chosen for label in row])
-        return RuleKnob(first, len(cells), len(cells[0]), labels)
-
-    def _start_of(self, changed: Mapping[int, object], numbers: Sequence[float]) -> int:
-        """Return the place from which on a table's numbers stand. Raises NoKnobError."""
-        present = {
-            place: value
-            for place, value in zip(self._places, self._before, strict=True)
-            if place >= 0
-        }
-        after = {**present, **changed}
-        for first in range(max(changed) - len(numbers) + 1, min(changed) + 1):
-            if [_bits(after.get(first + i)) for i in range(len(numbers))] == list(
-                map(_bits, numbers)
-            ):
-                return first
+        chosen = [[rng.choice(list(labels)) for _ in row] for row in cells]
+        other = tuple(map(" ".join, chosen))
+        made = made_of((rows, other), partial(self._loop, node, name))
+        before, after = made[rows], made.get(other)
+        if after is None or after == before:
+            raise NoKnobError("the loop does not use it")
+        numbers = [repr(labels[label]) for row in chosen for label in row]
+        for i, first in enumerate(self._places):
+            if first >= 0 and [*before[:i], *numbers, *before[i + len(numbers) :]] == after:
+                return RuleKnob(first, len(cells), len(cells[0]), labels)
         raise NoKnobError("its labels are not numbers of the loop")
 
 
-def _kind(new: object, number: float) -> str:
-    """Return how a number of the loop comes from a parameter's; empty: it is computed otherwise."""
-    if isinstance(new, float):
-        return _REAL if _bits(new) == _bits(float(number)) else ""
-    if isinstance(number, int):
-        return _INTEGER if new == number else ""
-    return _NANOSECONDS if isfinite(number) and new == nanoseconds(number) else ""
-
-
-def _tries(declared: Declaration, now: float, low: float, high: float) -> Iterator[Any]:
-    """Yield values between bounds: near the present one, and of other sizes."""
+def _tries(declared: Declaration, now: float) -> Iterator[float]:
+    """Yield values of both signs: near the present one, and of other sizes."""
     rng = random.Random(declared.name)
     size = abs(now) if isfinite(now) and now else 1.0
     for k in range(_TRIES):
         scale = 1.0 + 0.1 * rng.random() if k < _TRIES // 2 else 10.0 ** rng.uniform(-2.0, 2.0)
-        value = size * scale * (-1.0 if low < 0.0 and (high <= 0.0 or k % 2) else 1.0)
-        value = max(low, min(value, high))
-        if declared.kind == "integer":
-            value = int(value)
-        if value != now and value not in (low, high):
-            yield value
+        yield from (size * scale, -size * scale)
 
 
 def _inside(a: Declaration, b: Declaration) -> float | None:
@@ -347,7 +271,3 @@ def _inside(a: Declaration, b: Declaration) -> float | None:
         if low < level and level * 1.5 < high:
             return level
     return None
-
-
-def _bits(value: Any) -> Any:
-    return struct.pack("<d", value) if isinstance(value, float) else value
