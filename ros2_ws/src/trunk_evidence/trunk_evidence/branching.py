@@ -96,7 +96,9 @@ def branch_plan(run: RecordedRun, branch: Branch, until: float | None = None) ->
     layers = [parse_setting(text, branch.origin) for text in branch.settings]
     given = {section.pattern for layer in layers for section in layer.sections}
     if name and name not in {*known, *given} and plan.scenario not in SCENARIOS:
-        warning = f"{name} has its defaults, as {plan.scenario} is not shipped: give --set {name}.…"
+        warning = (
+            f"{name} has its defaults: {plan.scenario} is no shipped scenario: give --set {name}.…"
+        )
         plan = replace(plan, warnings=(warning,))
     for layer in layers:
         if any(section.pattern == "reference" for section in layer.sections):

@@ -129,7 +129,7 @@ def test_a_new_controller_without_a_shipped_scenario_has_its_defaults_and_that_i
     """The recording does not have the scenario's values for nodes that were not in the run."""
     own = tmp_path / "own.mcap"
     record_offline(replace(plan, scenario="own"), own)
-    said = "trunk: warning: lqr has its defaults, as own is not shipped: give --set lqr.…\n"
+    said = "trunk: warning: lqr has its defaults: own is no shipped scenario: give --set lqr.…\n"
     words = "--at", "0.8", "--controller", "lqr"
     assert cli(capsys, "branch", own, *words, "-o", tmp_path / "a.mcap")[1] == said
     given = "--set", "lqr.gains.p=70"

@@ -397,10 +397,10 @@ def test_the_largest_force_is_in_newtons():
 
 def test_gains_that_the_sampled_loop_cannot_have_come_with_a_remedy():
     heavy = "--controller", "state_feedback", "--torque", "1e5"
-    said = "warning: the gains are made without the rate and delays: give less for --torque, or --discrete"
+    said = "unstable: the gains are made without the rate and delays: give less for --torque, or --discrete"
     assert said in on_a_cart(*heavy).stderr
     late = on_a_cart(*heavy, "--discrete", "--set", "simulator.sensor.delay=0.1").stderr
-    assert "warning: the gains are made without delays: give less for --torque\n" in late
+    assert "unstable: the gains are made without delays: give less for --torque\n" in late
     assert "give less" not in on_a_cart(*heavy, "--discrete").stderr
 
 

@@ -177,7 +177,7 @@ class Plant:
     without a command. ``fall``: the second coordinate's largest magnitude, rad, by default. ``energy`` [J]
     changes by forces and friction alone. ``held``: the first coordinate keeps its rate. ``level(constants)``:
     those with which it is linearised. ``largest_angle(state, constants)``: of all whose sines are taken, rad.
-    Raises TypeError for what is no such plant.
+    Raises TypeError for another kind of plant, such as one of three coordinates.
     """
 
     name: str  # of its entry point, and in ``plant.name``

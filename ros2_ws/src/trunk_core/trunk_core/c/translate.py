@@ -558,7 +558,7 @@ class _Function:
             case ast.Subscript():
                 array = self.expression(target.value)
                 if not isinstance(array.type, Array):
-                    raise self.refused("it changes what is no array", "make a new tuple")
+                    raise self.refused("it changes items of a non-array", "make a new tuple")
                 self.writes = True
                 place = self.element(array, target.slice).code
                 item = self.converted(value, array.type.element)
@@ -923,7 +923,7 @@ class _Function:
         value = self.expression(owner)
         t = value.type
         if not isinstance(t, RecordType) or t.kind is None or node.args:
-            raise self.refused("_replace of what is no named tuple", "make a new tuple")
+            raise self.refused("_replace of something other than a named tuple", "make a new tuple")
         parts = dict(zip(t.names, self.fields(value), strict=True))
         for keyword in node.keywords:
             if keyword.arg not in parts:

@@ -144,7 +144,7 @@ def lqr_command(
         largest |= {"position": position, "velocity": velocity}
     plan = _plan(controller, options)
     unknown, remedy = ("delays", "") if discrete else ("the rate and delays", ", or --discrete")
-    unstable = f"the gains are made without {unknown}: give less for --torque{remedy}"
+    unstable = f"the loop is unstable: the gains are made without {unknown}: give less for --torque{remedy}"
     values = RICCATI[controller](plan, **largest, discrete=discrete)
     _finish(plan, values, options, unstable=unstable)
 
